@@ -1,0 +1,62 @@
+// Messages to and from the server; the other half of app/protocol.py, which describes the format.
+
+export const SUBPROTOCOL = "luxel.v1";
+
+/** Kinds of messages, as numbered in app/protocol.py. */
+export const KIND = {
+  hello: 1, sighted: 2, confirm: 3, setLight: 4, setFrame: 5, scalarRequest: 6, colormapRequest: 7, report: 8,
+  scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23,
+};
+
+/** @typedef {Float32Array | Int32Array | Uint8Array} Values */
+/** @typedef {{kind: number, head: any, arrays: Record<string, any>}} Message */
+
+const TYPES = /** @type {const} */ ({ u1: Uint8Array, i4: Int32Array, f4: Float32Array });
+
+/**
+ * Take a message from the server apart. Arrays are views of `buffer`: nothing is copied.
+ * @param {ArrayBuffer} buffer
+ * @returns {Message}
+ */
+export function decode(buffer) {
+  const view = new DataView(buffer);
+  const kind = view.getUint8(0);
+  const length = view.getUint32(4, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, length)));
+  let offset = 8 + length;
+  /** @type {Record<string, Values>} */
+  const arrays = {};
+  for (const [name, [code, shape]] of Object.entries(head.arrays)) {
+    const count = /** @type {number[]} */ (shape).reduce((a, b) => a * b, 1);
+    const Type = TYPES[/** @type {keyof typeof TYPES} */ (code)];
+    arrays[name] = new Type(buffer, offset, count);
+    offset += Math.ceil((count * Type.BYTES_PER_ELEMENT) / 4) * 4;
+  }
+  return { kind, head, arrays };
+}
+
+/**
+ * Build a message for the server.
+ * @param {number} kind
+ * @param {Record<string, unknown>} head
+ * @param {Record<string, Int32Array>} [arrays]
+ * @returns {ArrayBuffer}
+ */
+export function encode(kind, head, arrays = {}) {
+  const listed = Object.fromEntries(Object.entries(arrays).map(([name, a]) => [name, ["i4", [a.length]]]));
+  const text = new TextEncoder().encode(JSON.stringify({ ...head, arrays: listed }));
+  const padded = Math.ceil(text.length / 4) * 4;
+  const size = Object.values(arrays).reduce((sum, a) => sum + a.byteLength, 0);
+  const buffer = new ArrayBuffer(8 + padded + size);
+  const bytes = new Uint8Array(buffer);
+  bytes[0] = kind;
+  new DataView(buffer).setUint32(4, padded, true);
+  bytes.fill(32, 8, 8 + padded);
+  bytes.set(text, 8);
+  let offset = 8 + padded;
+  for (const array of Object.values(arrays)) {
+    new Int32Array(buffer, offset, array.length).set(array);
+    offset += array.byteLength;
+  }
+  return buffer;
+}

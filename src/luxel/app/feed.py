@@ -1,0 +1,82 @@
+"""Which finished tiles one page still has to get. Free of input and output."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Feed"]
+
+_BATCH_COUNT = 1024  # tiles in one message: 256 kB
+_IN_FLIGHT_MAX = 4  # messages that may await confirmation
+
+
+class Feed:
+    """Tiles for one page under one light: those it wants, in the order they got ready, never too many at once.
+
+    Not thread-safe; belongs to the event loop.
+    """
+
+    def __init__(self) -> None:
+        self._wanted = np.zeros(0, dtype=np.bool_)
+        self._ready: deque[NDArray[np.int32]] = deque()
+        self._in_flight: deque[NDArray[np.int32]] = deque()
+        self._confirmed = 0
+
+    def reset(self, count: int) -> None:
+        """Forget what was wanted: another light or another data set of `count` particles."""
+        self._wanted = np.zeros(count, dtype=np.bool_)
+        self._ready.clear()
+        # Batches on their way still count against the window, but their ids mean nothing any more.
+        self._in_flight = deque(np.zeros(0, dtype=np.int32) for _ in self._in_flight)
+
+    def want(self, ids: NDArray[np.int32]) -> None:
+        """Replace the wanted set by `ids`, less those on their way."""
+        self._wanted[:] = False
+        self._wanted[ids] = True
+        for batch in self._in_flight:
+            self._wanted[batch] = False
+
+    def publish(self, ids: NDArray[np.int32]) -> bool:
+        """Note that textures of `ids` are ready; return whether any of them is wanted."""
+        ids = ids[ids < len(self._wanted)]
+        ids = ids[self._wanted[ids]]
+        if len(ids):
+            self._ready.append(ids)
+        return bool(len(ids))
+
+    def take(self) -> NDArray[np.int32] | None:
+        """Return the ids of the next message, None when nothing is ready or the page has to catch up first.
+
+        Every id returned counts as on its way until :meth:`confirm`.
+        """
+        if len(self._in_flight) >= _IN_FLIGHT_MAX:
+            return None
+        taken: list[NDArray[np.int32]] = []
+        room = _BATCH_COUNT
+        while self._ready and room:
+            ids = self._ready.popleft()
+            ids = ids[self._wanted[ids]]  # published twice, or no longer wanted
+            if len(ids) > room:
+                self._ready.appendleft(ids[room:])
+                ids = ids[:room]
+            self._wanted[ids] = False
+            room -= len(ids)
+            taken.append(ids)
+        batch = np.concatenate(taken) if taken else np.zeros(0, dtype=np.int32)
+        if not len(batch):
+            return None
+        self._in_flight.append(batch)
+        return batch
+
+    def confirm(self, batches: int) -> None:
+        """Take the page's word that it has `batches` messages in all."""
+        while self._confirmed < batches and self._in_flight:
+            self._in_flight.popleft()
+            self._confirmed += 1
+
+    def withdraw(self) -> None:
+        """Undo the last :meth:`take`: its message was not sent after all."""
+        self._in_flight.pop()

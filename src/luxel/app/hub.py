@@ -1,0 +1,263 @@
+"""All pages that watch one session: what each has been told, and what it gets next."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import itertools
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from luxel.app import protocol, state
+from luxel.app.feed import Feed
+from luxel.dynamic.engine import TileBatch
+from luxel.errors import InputError, LuxelError, ProtocolError
+from luxel.particles import Particles
+from luxel.session import Session
+from luxel.trace.spheres import SphereSet
+
+__all__ = ["Hub", "Page"]
+
+_log = logging.getLogger(__name__)
+_STATUS_PERIOD_S = 0.25
+
+
+class Page:
+    """One connected browser tab; belongs to the event loop.
+
+    A newer message of the same kind replaces an unsent older one, and big ones are made only when they are sent, so
+    that a page which stalls costs almost no memory.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.feed = Feed()
+        self.greeted = False
+        self.wake = asyncio.Event()
+        self._outbox: dict[object, Callable[[], protocol.Message]] = {}
+
+    def post(self, key: object, make: Callable[[], protocol.Message]) -> None:
+        """Send what `make` returns, unless another message with the same `key` takes its place before that."""
+        self._outbox.pop(key, None)
+        self._outbox[key] = make
+        self.wake.set()
+
+    def clear(self) -> None:
+        """Drop what has not been sent: it is about another data set."""
+        self._outbox.clear()
+
+    def next_posted(self) -> protocol.Message | None:
+        """Return the next message, oldest first."""
+        if not self._outbox:
+            return None
+        return self._outbox.pop(next(iter(self._outbox)))()
+
+
+class Hub:
+    """Carries messages between a session and its pages.
+
+    Everything runs on the event loop but the session's own calls, which may take long and go to threads. Only
+    `_hear`, the session's listener, is called from elsewhere.
+    """
+
+    def __init__(self, session: Session, notice: str = "") -> None:
+        self.session = session
+        self.notice = notice
+        self.pages: set[Page] = set()
+        self._numbers = itertools.count(1)
+        self._epoch = 0
+        self._particles: Particles | None = None
+        self._key = ""
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._unsubscribe: Callable[[], None] | None = None
+        self._status_timer: asyncio.TimerHandle | None = None
+        self._status_sent: protocol.Status | None = None
+
+    def start(self) -> None:
+        """Begin to listen to the session; called on the event loop."""
+        self._loop = asyncio.get_running_loop()
+        self._unsubscribe = self.session.subscribe(self._hear)
+
+    def stop(self) -> None:
+        """Stop listening."""
+        if self._unsubscribe is not None:
+            self._unsubscribe()
+        if self._status_timer is not None:
+            self._status_timer.cancel()
+
+    def join(self) -> Page:
+        """Add a page; it is told everything once it has said hello."""
+        page = Page(f"page {next(self._numbers)}")
+        self.pages.add(page)
+        return page
+
+    async def leave(self, page: Page) -> None:
+        """Remove a page; what only it wanted is not worth computing any more."""
+        self.pages.discard(page)
+        await asyncio.to_thread(self.session.forget, page.name)
+
+    async def receive(self, page: Page, data: bytes) -> None:
+        """Act on a message from a page.
+
+        Raises
+        ------
+        ProtocolError
+            If the message is malformed; the caller closes the connection.
+        """
+        message = protocol.decode_client(data)
+        if not page.greeted and not isinstance(message, protocol.Hello):
+            raise ProtocolError("the first message must be a hello")
+        try:
+            await self._act(page, message)
+        except ProtocolError:
+            raise
+        except LuxelError as error:
+            page.post("error", functools.partial(protocol.Error, str(error)))
+
+    def next_message(self, page: Page) -> protocol.Message | None:
+        """Return what to send to `page` now, if anything."""
+        posted = page.next_posted()
+        if posted is not None or not page.greeted:
+            return posted
+        while (ids := page.feed.take()) is not None:
+            batch = self.session.tiles(ids, self._key)
+            if len(batch.ids):
+                return protocol.Tiles(self._key, batch.ids, batch.codes)
+            page.feed.withdraw()  # evicted meanwhile; the page will ask again
+        return None
+
+    async def _act(self, page: Page, message: protocol.ClientMessage) -> None:
+        match message:
+            case protocol.Hello():
+                _log.info(
+                    "%s connected, drawing with %s", page.name, _clean(message.renderer) or "unknown hardware"
+                )
+                page.greeted = True
+                await self._catch_up()
+                self._introduce(page)
+            case protocol.Sighted():
+                await self._sighted(page, message)
+            case protocol.Confirm():
+                page.feed.confirm(message.batches)
+                page.wake.set()
+            case protocol.SetLight():
+                await self._set_light(message)
+            case protocol.SetFrame():
+                await asyncio.to_thread(self.session.set_frame, message.frame)
+                await self._catch_up()
+            case protocol.ScalarRequest():
+                made = await asyncio.to_thread(
+                    state.scalar, self.session.particles, message.name, self._epoch
+                )
+                page.post(("scalar", message.name), lambda: made)
+            case protocol.ColormapRequest():
+                found = await asyncio.to_thread(state.colormap, message.name)
+                page.post(("colormap", message.name), lambda: found)
+            case protocol.Report():
+                _log.warning("%s reports: %s", page.name, _clean(message.text))
+
+    async def _sighted(self, page: Page, message: protocol.Sighted) -> None:
+        await self._catch_up()
+        particles = self._particles
+        if message.key != self._key or particles is None:
+            return  # it crossed a change of light on its way
+        ids = np.unique(message.ids)
+        if len(ids) and (ids[0] < 0 or ids[-1] >= len(particles)):
+            raise ProtocolError(f"ids must lie in 0..{len(particles) - 1}, got {ids[0]}..{ids[-1]}")
+        page.feed.want(ids)
+        spheres = SphereSet.of(particles)
+        eye = spheres.center + spheres.unit * np.asarray(message.eye)
+        await asyncio.to_thread(self.session.sighted, ids, eye, page.name, message.key)
+        ready = await asyncio.to_thread(self.session.tiles, ids, message.key)
+        if message.key == self._key and page.feed.publish(ready.ids):
+            page.wake.set()
+        self._status_soon()
+
+    async def _set_light(self, message: protocol.SetLight) -> None:
+        changes: dict[str, Any] = {}
+        if message.model is not None:
+            changes["model"] = message.model
+        if message.albedo is not None:
+            changes["albedo"] = message.albedo
+        if message.sky is not None or message.sun is not None:
+            up = state.view_of(self.session).up
+            lights = self.session.scene.sources
+            changes["lights"] = state.lights_with(lights, message.sky, message.sun, up)
+        if not changes:
+            raise InputError("a change of light that changes nothing")
+        await asyncio.to_thread(functools.partial(self.session.relight, **changes))
+        await self._catch_up()
+
+    async def _catch_up(self) -> None:
+        """Tell all pages if the session's frame or light is not what they were told last."""
+        session = self.session
+        if session.particles is not self._particles:
+            # The first look at new particles normalises them, which takes a while for millions.
+            particles = session.particles
+            await asyncio.to_thread(SphereSet.of, particles)
+            self._particles, self._key = particles, session.key
+            self._epoch += 1
+            for page in self.pages:
+                if page.greeted:
+                    page.clear()
+                    self._introduce(page)
+        elif session.key != self._key:
+            self._key = session.key
+            made = state.light_state(session)
+            for page in self.pages:
+                if page.greeted:
+                    page.feed.reset(len(session.particles))
+                    page.post("light", lambda: made)
+            self._status_soon()
+
+    def _introduce(self, page: Page) -> None:
+        """Post the whole scene."""
+        particles = self.session.particles
+        page.feed.reset(len(particles))
+        epoch = self._epoch
+        page.post("scene", functools.partial(state.scene_state, self.session, epoch, self.notice))
+        page.post("light", functools.partial(state.light_state, self.session))
+        for part in state.geometry(particles, epoch):
+            page.post(("geometry", part.start), functools.partial(_same, part))
+        page.post("status", functools.partial(state.status, self.session))
+
+    def _hear(self, batch: TileBatch) -> None:
+        """Hear of finished tiles; called from the worker threads of the session."""
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop has just closed
+                self._loop.call_soon_threadsafe(self._publish, batch.key, batch.ids)
+
+    def _publish(self, key: str, ids: Any) -> None:
+        if key == self._key:
+            for page in self.pages:
+                if page.feed.publish(ids):
+                    page.wake.set()
+        self._status_soon()
+
+    def _status_soon(self) -> None:
+        if self._status_timer is None and self._loop is not None and self.pages:
+            self._status_timer = self._loop.call_later(_STATUS_PERIOD_S, self._send_status)
+
+    def _send_status(self) -> None:
+        self._status_timer = None
+        now = state.status(self.session)
+        if self._status_sent is None or vars(now) != vars(self._status_sent):
+            self._status_sent = now
+            for page in self.pages:
+                if page.greeted:
+                    page.post("status", lambda: now)
+        if now.queued or now.baking or now.textures_per_s:
+            self._status_soon()  # until the rate has come to rest; then no timer runs
+
+
+def _same(message: protocol.Message) -> protocol.Message:
+    return message
+
+
+def _clean(text: str) -> str:
+    """Make text from a page fit for one line of a log."""
+    return "".join(c if c.isprintable() else " " for c in text).encode(errors="replace").decode()

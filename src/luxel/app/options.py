@@ -1,0 +1,284 @@
+"""Command line options that `render`, `view` and `demo` share, and what they mean."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from luxel.errors import FormatError, InputError, MissingFileError
+
+if TYPE_CHECKING:
+    from luxel.particles import Particles
+    from luxel.scene.camera import Camera
+    from luxel.scene.lights import Light
+    from luxel.scene.view import View
+
+__all__ = [
+    "add_file_options",
+    "add_scene_options",
+    "build_lights",
+    "build_view",
+    "positive_int",
+    "protect_numbers",
+]
+
+# Written out so that `luxel --help` imports nothing; a test holds them to the library's own.
+MODELS = ("lambertian", "shadows", "ao", "interreflection")
+LIGHTS = ("texture", "pixel")
+MODES = ("fast", "paper")
+_LARGEST_SIZE = 16_384
+_NUMBER = re.compile(r"-\.?\d")
+
+
+@dataclass(frozen=True)
+class SunOption:
+    """What ``--sun`` says; parts left out have the default sun's values."""
+
+    azimuth: float
+    elevation: float
+    level: float = 2.0
+    diameter: float = 15.0
+
+
+def protect_numbers(arguments: Sequence[str]) -> list[str]:
+    """Put a blank before arguments such as -1e5 and -30,40, which argparse would take for options."""
+    return [f" {argument}" if _NUMBER.match(argument) else argument for argument in arguments]
+
+
+def positive_int(text: str) -> int:
+    """Parse a whole number above zero."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number above 0, got {text.strip()!r}")
+    return value
+
+
+def add_file_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which particles: the file, the frame, the radius."""
+    parser.add_argument(
+        "file",
+        nargs="+",
+        metavar="FILE",
+        help="a particle file, a Uintah directory, a pattern, or several files",
+    )
+    parser.add_argument(
+        "--frame",
+        type=int,
+        metavar="K",
+        help="time step, counted from 0; -1 is the last (default: the first with particles)",
+    )
+    parser.add_argument(
+        "--radius",
+        type=_radius,
+        metavar="R",
+        help="radius of all particles in file units, or auto to estimate it (default: the file's, else auto)",
+    )
+
+
+def add_scene_options(parser: argparse.ArgumentParser, *, samples: int) -> None:
+    """Add what says how particles are lit and looked at; None means "not given"."""
+    light = parser.add_argument_group("light")
+    light.add_argument(
+        "--model", choices=MODELS, default="interreflection", help="shading model (default: interreflection)"
+    )
+    light.add_argument(
+        "--samples",
+        type=positive_int,
+        default=samples,
+        metavar="N",
+        help=f"samples a texel, or a pixel with --light pixel; a square number (default: {samples})",
+    )
+    light.add_argument(
+        "--mode",
+        choices=MODES,
+        default="fast",
+        help="fast filters the textures; paper follows the paper to the letter (default: fast)",
+    )
+    light.add_argument(
+        "--albedo",
+        type=_number,
+        default=0.7,
+        metavar="A",
+        help="share of light that particles reflect, 0 to 1 (default: 0.7)",
+    )
+    light.add_argument(
+        "--sun",
+        type=_sun,
+        action="append",
+        metavar="AZ,EL[,LEVEL[,DIAMETER]]",
+        help="a sun instead of the default one, angles in degrees (default: 195,50,2,15); may be repeated; none for no sun",
+    )
+    light.add_argument(
+        "--sky",
+        type=_sky,
+        metavar="LEVEL[,GROUND]",
+        help="the sky's level instead of 1, and its level from below; 0 for no sky",
+    )
+    light.add_argument(
+        "--ao-distance",
+        type=_number,
+        metavar="D",
+        help="for --model ao: what is farther does not occlude, in file units (default: no limit)",
+    )
+    light.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (default: 0)")
+    light.add_argument("--threads", type=positive_int, metavar="N", help="default: all processors")
+
+    look = parser.add_argument_group("view")
+    look.add_argument(
+        "--view", dest="view_file", metavar="VIEW.json", help="a saved view; other options override it"
+    )
+    look.add_argument(
+        "--color-by", metavar="NAME", help="scalar, component (velocity.x) or vector (its magnitude)"
+    )
+    look.add_argument("--colormap", metavar="NAME", help="any of matplotlib's (default: viridis)")
+    look.add_argument(
+        "--range",
+        nargs=2,
+        type=_number,
+        metavar=("LO", "HI"),
+        help="scalar values of the first and last colour (default: those of the data)",
+    )
+    look.add_argument("--log", action="store_true", default=None, help="logarithmic colour scale")
+    look.add_argument("--background", metavar="C", help="colour: white, #17191d, 0.2 ...")
+    look.add_argument("--exposure", type=_number, metavar="E", help="brightness factor (default: 1)")
+    look.add_argument("--up", choices=("x", "y", "z"), help="axis that points up (default: z)")
+    look.add_argument(
+        "--azimuth", type=_number, metavar="DEG", help="camera's direction around the up axis (default: -60)"
+    )
+    look.add_argument(
+        "--elevation", type=_number, metavar="DEG", help="camera's height above the horizon (default: 25)"
+    )
+    look.add_argument("--orthographic", action="store_true", help="parallel projection")
+    parser.set_defaults(usual_samples=samples)
+
+
+def picture_size(text: str) -> tuple[int, int]:
+    """Parse 1280x720."""
+    match = re.fullmatch(r"\s*(\d+)\s*[xX×]\s*(\d+)\s*", text)
+    if not match:
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 1280x720, got {text!r}")
+    width, height = int(match[1]), int(match[2])
+    if not (1 <= width <= _LARGEST_SIZE and 1 <= height <= _LARGEST_SIZE):
+        raise argparse.ArgumentTypeError(f"width and height must lie in 1..{_LARGEST_SIZE}, got {text!r}")
+    return width, height
+
+
+def build_lights(options: argparse.Namespace, up: str) -> tuple[Light, ...]:
+    """Return the lights: a given sky or sun replaces that default light only."""
+    from luxel.scene.lights import Sky, Sun, default_lights, sun_direction, up_frame
+
+    sky, sun = default_lights(up)  # type: ignore[arg-type]
+    lights: list[Light] = []
+    if options.sky is None:
+        lights.append(sky)
+    elif max(options.sky) > 0:
+        level, *ground = options.sky
+        lights.append(Sky(level, ground[0] if ground else None, axis=up_frame(up)[2]))  # type: ignore[arg-type]
+    if options.sun is None:
+        lights.append(sun)
+    else:
+        for given in options.sun:
+            if given is not None:
+                direction = sun_direction(given.azimuth, given.elevation, up)  # type: ignore[arg-type]
+                lights.append(Sun(direction, given.level, given.diameter))
+    return tuple(lights)
+
+
+def build_view(options: argparse.Namespace, base: View | None = None) -> View:
+    """Return the view that options ask for, without a camera from angles: that takes the data's bounds.
+
+    Parameters
+    ----------
+    options
+        Parsed by :func:`add_scene_options`.
+    base
+        What applies where neither an option nor ``--view`` says otherwise; None means the defaults.
+    """
+    from luxel.scene.view import View
+
+    view = base or View()
+    if options.view_file is not None:
+        view = View.from_json(_load_json(options.view_file))
+    changes: dict[str, Any] = {}
+    for name in ("color_by", "colormap", "log", "background", "exposure", "up"):
+        if getattr(options, name) is not None:
+            changes[name] = getattr(options, name)
+    if options.range is not None:
+        changes["range"] = tuple(options.range)
+    elif "color_by" in changes and changes["color_by"] != view.color_by:
+        changes["range"] = None  # a saved range belongs to the saved scalar
+    if options.up is not None and options.up != view.up:
+        changes["camera"] = None
+    return view.with_changes(**changes) if changes else view
+
+
+def aim(options: argparse.Namespace, view: View, particles: Particles, size: tuple[int, int]) -> View:
+    """Return the view with the camera that ``--azimuth``, ``--elevation`` and ``--orthographic`` ask for."""
+    from luxel.scene.camera import Camera
+
+    if options.azimuth is None and options.elevation is None and not options.orthographic:
+        return view
+    angles = {
+        name: getattr(options, name)
+        for name in ("azimuth", "elevation")
+        if getattr(options, name) is not None
+    }
+    camera: Camera = Camera.framing(
+        particles.bounds, up=view.up, aspect=size[0] / size[1], orthographic=options.orthographic, **angles
+    )
+    return view.with_changes(camera=camera)
+
+
+def _load_json(path: str) -> Any:
+    try:
+        with open(path, encoding="utf-8") as file:
+            return json.load(file)
+    except FileNotFoundError:
+        raise MissingFileError(f"{path}: no such view file") from None
+    except (ValueError, RecursionError) as error:
+        raise FormatError(path, f"this is no view: {error}", remedy="save one in the viewer") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot read it ({error.strerror})") from None
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number, got {text.strip()!r}")
+    return value
+
+
+def _radius(text: str) -> float | str:
+    return "auto" if text.strip() == "auto" else _number(text)
+
+
+def _numbers(least: int, most: int, example: str) -> Callable[[str], list[float]]:
+    def parse(text: str) -> list[float]:
+        try:
+            values = [_number(part) for part in text.split(",")]
+        except argparse.ArgumentTypeError:
+            values = []
+        if not least <= len(values) <= most:
+            raise argparse.ArgumentTypeError(f"expected {example}, got {text.strip()!r}")
+        return values
+
+    return parse
+
+
+_sky = _numbers(1, 2, "LEVEL or LEVEL,GROUND such as 1 or 1,0.3")
+_sun_numbers = _numbers(2, 4, "AZIMUTH,ELEVATION[,LEVEL[,DIAMETER]] such as 195,50,2,15, or none")
+
+
+def _sun(text: str) -> SunOption | None:
+    return None if text.strip() == "none" else SunOption(*_sun_numbers(text))

@@ -1,0 +1,482 @@
+"""Messages between the viewer's server and its page: binary, versioned, free of input and output.
+
+A message is a header of eight bytes (kind, three zero bytes, length of the JSON that follows), a JSON object padded
+to a multiple of four bytes, and the raw little-endian arrays that its ``"arrays"`` entry lists, each padded to four
+bytes. Positions, radii and eyes travel in normalised units (:class:`luxel.trace.spheres.SphereSet`).
+
+The version is in the name of the WebSocket subprotocol: what changes the meaning of a message changes the name.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from luxel.errors import ProtocolError
+
+__all__ = [
+    "CLIENT_BYTES_MAX",
+    "SUBPROTOCOL",
+    "ClientMessage",
+    "Colormap",
+    "ColormapRequest",
+    "Confirm",
+    "Error",
+    "Geometry",
+    "Hello",
+    "LightState",
+    "Message",
+    "Report",
+    "Scalar",
+    "ScalarRequest",
+    "SceneState",
+    "SetFrame",
+    "SetLight",
+    "Sighted",
+    "Status",
+    "Tiles",
+    "decode",
+    "decode_client",
+]
+
+SUBPROTOCOL = "luxel.v1"
+#: Longest message that a client may send: the ids of two million visible particles.
+CLIENT_BYTES_MAX = 8 << 20
+_HEADER = struct.Struct("<B3xI")
+_HEAD_BYTES_MAX = 1 << 20
+_TEXT_MAX = 4000
+_NAME_MAX = 500
+_DTYPES: dict[str, np.dtype[Any]] = {"u1": np.dtype("u1"), "i4": np.dtype("<i4"), "f4": np.dtype("<f4")}
+_CODES = {("u", 1): "u1", ("i", 4): "i4", ("f", 4): "f4"}
+
+
+@dataclass(frozen=True, eq=False)
+class Message:
+    """Base of all messages: fields that are arrays travel raw, the others as JSON."""
+
+    kind: ClassVar[int]
+
+    def encode(self) -> bytes:
+        """Return the message as bytes."""
+        head: dict[str, Any] = {}
+        arrays: dict[str, NDArray[Any]] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                arrays[field.name] = value
+            else:
+                head[field.name] = value
+        return pack(self.kind, head, arrays)
+
+
+# From the page ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Hello(Message):
+    """First message of a page: what draws there."""
+
+    kind: ClassVar[int] = 1
+    renderer: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Sighted(Message):
+    """Visible particles that have no texture of this light yet.
+
+    Parameters
+    ----------
+    key
+        The light that the page shows; a late message about another light is ignored.
+    ids
+        (K,) int32.
+    eye
+        (3,) where they are seen from, normalised units.
+    """
+
+    kind: ClassVar[int] = 2
+    key: str
+    ids: NDArray[np.int32]
+    eye: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Confirm(Message):
+    """The page has taken in `batches` tile messages since it connected."""
+
+    kind: ClassVar[int] = 3
+    batches: int
+
+
+@dataclass(frozen=True, eq=False)
+class SetLight(Message):
+    """A change of light; None leaves a part as it is.
+
+    Parameters
+    ----------
+    model, albedo
+        As of :class:`luxel.Scene`.
+    sky
+        Level.
+    sun
+        Azimuth and elevation in degrees, level, angular diameter in degrees.
+    """
+
+    kind: ClassVar[int] = 4
+    model: str | None = None
+    albedo: float | None = None
+    sky: float | None = None
+    sun: tuple[float, float, float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SetFrame(Message):
+    """Show another time step."""
+
+    kind: ClassVar[int] = 5
+    frame: int
+
+
+@dataclass(frozen=True, eq=False)
+class ScalarRequest(Message):
+    """Send the values of a scalar."""
+
+    kind: ClassVar[int] = 6
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class ColormapRequest(Message):
+    """Send the colours of a map."""
+
+    kind: ClassVar[int] = 7
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Report(Message):
+    """Something that the server's log should know: a shader that fails to compile, a lost context."""
+
+    kind: ClassVar[int] = 8
+    text: str
+
+
+# From the server ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SceneState(Message):
+    """What there is to see; the geometry follows in parts.
+
+    Parameters
+    ----------
+    epoch
+        Counts data sets and frames, so that parts of an old one are told apart.
+    count
+        Particles.
+    center, unit
+        file units = center + unit · normalised units.
+    bounds
+        (2, 3) in normalised units.
+    scalars
+        For each scalar ``{"name": ..., "labels": [...] or None}``.
+    view
+        As of ``View.to_json()``, with the camera in normalised units.
+    """
+
+    kind: ClassVar[int] = 16
+    epoch: int
+    title: str
+    count: int
+    center: tuple[float, ...]
+    unit: float
+    bounds: tuple[tuple[float, ...], ...]
+    texels: int
+    frame: int
+    frame_count: int
+    time: float | None
+    scalars: tuple[Mapping[str, Any], ...]
+    colormaps: tuple[str, ...]
+    models: tuple[str, ...]
+    view: Mapping[str, Any]
+    notice: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class LightState(Message):
+    """The light of the scene.
+
+    Parameters
+    ----------
+    key
+        Names it; tiles carry the same.
+    white
+        Luminance that the tone curve displays as white.
+    decoding
+        (256,) float32: luminance of each code of a tile.
+    sky
+        (5,) level, ground level, axis.
+    suns
+        (S, 6) direction, level, sine and cosine of half the angular diameter.
+    globes
+        (S, 5) centre, radius, level.
+    quads
+        (S, 14) corner, two edges, normal, area, level.
+    controls
+        What the sliders show: sky level, sun azimuth, elevation, level, diameter; None where there is no such light.
+    """
+
+    kind: ClassVar[int] = 17
+    key: str
+    model: str
+    albedo: float
+    white: float
+    decoding: NDArray[np.float32]
+    sky: NDArray[np.float32]
+    suns: NDArray[np.float32]
+    globes: NDArray[np.float32]
+    quads: NDArray[np.float32]
+    controls: Mapping[str, float | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry(Message):
+    """A part of the particles: those from `start` on.
+
+    Parameters
+    ----------
+    positions, radii
+        (K, 3) and (K,) float32 in normalised units.
+    """
+
+    kind: ClassVar[int] = 18
+    epoch: int
+    start: int
+    positions: NDArray[np.float32]
+    radii: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Scalar(Message):
+    """Values of one scalar, (N,) float32, and their range, twice: for linear and for logarithmic scales.
+
+    `whole` tells that the values are whole numbers, which qualitative colour maps show as codes.
+    """
+
+    kind: ClassVar[int] = 19
+    epoch: int
+    name: str
+    values: NDArray[np.float32]
+    range: tuple[float, float]
+    log_range: tuple[float, float]
+    whole: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Colormap(Message):
+    """Rows of a colour map, (n, 3) uint8 sRGB."""
+
+    kind: ClassVar[int] = 20
+    name: str
+    lut: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Tiles(Message):
+    """Luminance textures: (K,) int32 ids and (K, texels, texels) uint8 codes under the light `key`."""
+
+    kind: ClassVar[int] = 21
+    key: str
+    ids: NDArray[np.int32]
+    codes: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Status(Message):
+    """How far the light is."""
+
+    kind: ClassVar[int] = 22
+    key: str
+    ready: int
+    queued: int
+    baking: int
+    evicted: int
+    textures_per_s: float
+    error: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Error(Message):
+    """Something went wrong that the user can do something about; the connection stays."""
+
+    kind: ClassVar[int] = 23
+    text: str
+
+
+ClientMessage = Hello | Sighted | Confirm | SetLight | SetFrame | ScalarRequest | ColormapRequest | Report
+_SERVER_KINDS: dict[int, type[Message]] = {
+    each.kind: each for each in (SceneState, LightState, Geometry, Scalar, Colormap, Tiles, Status, Error)
+}
+
+
+def decode_client(data: bytes) -> ClientMessage:
+    """Read a message from a page, which may be anything at all.
+
+    Raises
+    ------
+    ProtocolError
+        For anything that is not a well-formed message with sensible values.
+    """
+    if len(data) > CLIENT_BYTES_MAX:
+        raise ProtocolError(f"message of {len(data)} bytes; at most {CLIENT_BYTES_MAX} are taken")
+    kind, head, arrays = unpack(data)
+    match kind:
+        case Hello.kind:
+            return Hello(_text(head, "renderer", _NAME_MAX))
+        case Sighted.kind:
+            eye = _numbers(head, "eye", 3)
+            return Sighted(_text(head, "key", 128), _ids(arrays), (eye[0], eye[1], eye[2]))
+        case Confirm.kind:
+            return Confirm(_whole(head, "batches"))
+        case SetLight.kind:
+            sun = None if head.get("sun") is None else _numbers(head, "sun", 4)
+            return SetLight(
+                None if head.get("model") is None else _text(head, "model", 64),
+                None if head.get("albedo") is None else _number(head, "albedo"),
+                None if head.get("sky") is None else _number(head, "sky"),
+                None if sun is None else (sun[0], sun[1], sun[2], sun[3]),
+            )
+        case SetFrame.kind:
+            return SetFrame(_whole(head, "frame"))
+        case ScalarRequest.kind:
+            return ScalarRequest(_text(head, "name", _NAME_MAX))
+        case ColormapRequest.kind:
+            return ColormapRequest(_text(head, "name", _NAME_MAX))
+        case Report.kind:
+            return Report(_text(head, "text", _TEXT_MAX))
+    raise ProtocolError(f"message of unknown kind {kind}")
+
+
+def decode(data: bytes) -> Message:
+    """Read a message from the server (what the page does in JavaScript; here for Python clients and tests).
+
+    Raises
+    ------
+    ProtocolError
+        For a malformed message.
+    """
+    kind, head, arrays = unpack(data)
+    if kind not in _SERVER_KINDS:
+        raise ProtocolError(f"message of unknown kind {kind}")
+    try:
+        return _SERVER_KINDS[kind](**head, **arrays)
+    except TypeError as error:
+        raise ProtocolError(f"fields of a message do not fit its kind: {error}") from None
+
+
+def pack(kind: int, head: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return one message as bytes; arrays may be uint8, int32 or float32."""
+    listed = {}
+    parts = []
+    for name, array in arrays.items():
+        listed[name] = [_CODES[array.dtype.kind, array.dtype.itemsize], list(array.shape)]
+        raw = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
+        parts += [raw, bytes(-len(raw) % 4)]
+    text = json.dumps({**head, "arrays": listed}, allow_nan=False, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    return b"".join([_HEADER.pack(kind, len(text)), text, *parts])
+
+
+def unpack(data: bytes) -> tuple[int, dict[str, Any], dict[str, NDArray[Any]]]:
+    """Take a message apart into kind, JSON fields and arrays (read-only views of `data`).
+
+    Raises
+    ------
+    ProtocolError
+        Unless every length fits and every byte is accounted for.
+    """
+    if len(data) < _HEADER.size:
+        raise ProtocolError(f"message of {len(data)} bytes is shorter than its header")
+    kind, length = _HEADER.unpack_from(data)
+    if length > _HEAD_BYTES_MAX or length > len(data) - _HEADER.size:
+        raise ProtocolError(f"message announces {length} bytes of JSON")
+    offset = _HEADER.size + length
+    try:
+        head = json.loads(data[_HEADER.size : offset].decode(), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise ProtocolError(f"message is not JSON: {type(error).__name__}") from None
+    if not isinstance(head, dict):
+        raise ProtocolError("the JSON of a message must be an object")
+    listed = head.pop("arrays", {})
+    if not isinstance(listed, dict) or len(listed) > 16:
+        raise ProtocolError("'arrays' of a message must be an object of at most 16 entries")
+    arrays = {}
+    for name, spec in listed.items():
+        dtype, shape = _array_spec(name, spec)
+        size = math.prod(shape) * dtype.itemsize
+        if size > len(data) - offset:
+            raise ProtocolError(f"array {name[:40]!r} of shape {shape} is longer than its message")
+        arrays[name] = np.frombuffer(data, dtype, math.prod(shape), offset).reshape(shape)
+        offset += size + -size % 4
+    if offset != len(data):
+        raise ProtocolError(f"message has {len(data)} bytes, its parts {offset}")
+    return kind, head, arrays
+
+
+def _array_spec(name: str, spec: object) -> tuple[np.dtype[Any], tuple[int, ...]]:
+    pair: list[Any] = spec if isinstance(spec, list) and len(spec) == 2 else ["", None]
+    code, shape = pair
+    listed = isinstance(code, str) and code in _DTYPES and isinstance(shape, list) and len(shape) <= 3
+    if listed and all(type(extent) is int and 0 <= extent < 1 << 31 for extent in shape):
+        return _DTYPES[code], tuple(shape)
+    raise ProtocolError(f"array {name[:40]!r} must be [type, shape] with type {', '.join(_DTYPES)}")
+
+
+def _refuse_constant(name: str) -> float:
+    raise ValueError(name)
+
+
+def _number(head: Mapping[str, Any], name: str) -> float:
+    return _checked_number(head.get(name), name)
+
+
+def _numbers(head: Mapping[str, Any], name: str, count: int) -> list[float]:
+    values = head.get(name)
+    if not isinstance(values, list) or len(values) != count:
+        raise ProtocolError(f"{name!r} must be {count} numbers")
+    return [_checked_number(value, name) for value in values]
+
+
+def _checked_number(value: object, name: str) -> float:
+    # Whole numbers of hundreds of digits do not fit a float; a page has no use for large ones.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e30:
+        raise ProtocolError(f"{name!r} must be a number")
+    return float(value)
+
+
+def _whole(head: Mapping[str, Any], name: str) -> int:
+    value = head.get(name)
+    if type(value) is not int or not 0 <= value < 1 << 53:
+        raise ProtocolError(f"{name!r} must be a whole number >= 0")
+    return value
+
+
+def _text(head: Mapping[str, Any], name: str, length_max: int) -> str:
+    value = head.get(name)
+    if not isinstance(value, str) or len(value) > length_max:
+        raise ProtocolError(f"{name!r} must be a text of at most {length_max} characters")
+    return value
+
+
+def _ids(arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.int32]:
+    ids = arrays.get("ids")
+    if ids is None or ids.dtype != np.int32 or ids.ndim != 1:
+        raise ProtocolError("'ids' must be a flat array of int32")
+    return ids

@@ -1,0 +1,213 @@
+"""What a session looks like as messages: the wire form of its scene, light, scalars and status."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from luxel.app import protocol
+from luxel.errors import InputError
+from luxel.light.lights import luminance_scale, pack_lights, scene_white
+from luxel.particles import Particles
+from luxel.scene.colormap import colormap_names
+from luxel.scene.lights import Light, Sky, Sun, Up, sun_direction, up_frame
+from luxel.scene.scene import MODELS, Scene
+from luxel.scene.view import View
+from luxel.session import Session
+from luxel.textures.spec import light_key
+from luxel.textures.textures import decoding_table
+from luxel.trace.spheres import SphereSet
+
+__all__ = ["colormap", "geometry", "light_state", "lights_with", "scalar", "scene_state", "status", "view_of"]
+
+_PART = 1 << 20  # particles in one geometry message: 16 MB
+
+
+def view_of(session: Session) -> View:
+    """Return the session's view, or the default one."""
+    return session.view or View()
+
+
+def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.SceneState:
+    """Describe the data set, without its arrays."""
+    particles = session.particles
+    spheres = SphereSet.of(particles)
+    names = [name for name in particles.names() if _drawable(particles, name)]
+    return protocol.SceneState(
+        epoch=epoch,
+        title=_title(session.series),
+        count=len(particles),
+        center=tuple(spheres.center.tolist()),
+        unit=float(spheres.unit),
+        bounds=tuple(tuple(float(x) for x in corner) for corner in spheres.bounds()),
+        texels=session.spec.texels,
+        frame=session.frame,
+        frame_count=max(1, len(session.series)) if isinstance(session.series, Sequence) else 1,
+        time=particles.time if particles.time is not None and math.isfinite(particles.time) else None,
+        scalars=tuple(
+            {
+                "name": name,
+                "labels": list(particles.categories[name]) if name in particles.categories else None,
+            }
+            for name in names
+        ),
+        colormaps=tuple(colormap_names()),
+        models=MODELS,
+        view=_view_json(view_of(session), spheres),
+        notice=notice,
+    )
+
+
+def light_state(session: Session) -> protocol.LightState:
+    """Describe the light, in normalised units."""
+    # One read of the scene, so that key and lights belong together even if another thread relights now.
+    scene = session.scene
+    lights = pack_lights(scene, SphereSet.of(scene.particles))
+    return protocol.LightState(
+        key=light_key(scene, session.spec),
+        model=scene.model,
+        albedo=float(scene.albedo),
+        white=scene_white(scene),
+        decoding=decoding_table(luminance_scale(scene), session.spec.encoding),
+        sky=lights.sky,
+        suns=lights.suns,
+        globes=lights.globes,
+        quads=lights.quads,
+        controls=_controls(scene, view_of(session).up),
+    )
+
+
+def geometry(particles: Particles, epoch: int) -> Iterator[protocol.Geometry]:
+    """Yield the particles in parts of bounded size."""
+    spheres = SphereSet.of(particles)
+    for start in range(0, len(particles), _PART):
+        part = slice(start, start + _PART)
+        yield protocol.Geometry(epoch, start, spheres.centers[part], spheres.radii[part])
+
+
+def scalar(particles: Particles, name: str, epoch: int) -> protocol.Scalar:
+    """Return the values of one scalar and their ranges.
+
+    Raises
+    ------
+    ScalarError
+        If there is no such scalar.
+    """
+    values = particles.scalar(name)
+    view = View(color_by=name)
+    with np.errstate(over="ignore"):
+        single = np.ascontiguousarray(values, dtype=np.float32)
+    return protocol.Scalar(
+        epoch,
+        name,
+        single,
+        view.scalar_range(particles),
+        view.with_changes(log=True).scalar_range(particles),
+        values.dtype.kind in "iu",
+    )
+
+
+def colormap(name: str) -> protocol.Colormap:
+    """Return the colours of a map.
+
+    Raises
+    ------
+    InputError
+        If there is no such map.
+    """
+    return protocol.Colormap(name, View(colormap=name).lut())
+
+
+def status(session: Session) -> protocol.Status:
+    """Return how far the light is."""
+    now = session.status()
+    return protocol.Status(
+        key=now.key,
+        ready=int(now.ready),
+        queued=int(now.queued),
+        baking=int(now.baking),
+        evicted=int(now.evicted),
+        textures_per_s=round(float(now.textures_per_s), 1),
+        error=None if now.error is None else str(now.error),
+    )
+
+
+def lights_with(
+    lights: Sequence[Light], sky: float | None, sun: tuple[float, float, float, float] | None, up: Up
+) -> tuple[Light, ...]:
+    """Return `lights` with a new sky level, and azimuth, elevation, level and diameter of the first sun.
+
+    Other lights stay. A sky with a gradient keeps the ratio of its two levels.
+
+    Raises
+    ------
+    InputError
+        For values out of range.
+    """
+    changed = list(lights)
+    if sky is not None:
+        old = next((light for light in lights if isinstance(light, Sky)), None)
+        if old is None:
+            changed.insert(0, Sky(sky))
+        else:
+            ground = None if old.ground is None else old.ground * sky / old.level if old.level > 0 else sky
+            changed[changed.index(old)] = replace(old, level=sky, ground=ground)
+    if sun is not None:
+        azimuth, elevation, level, diameter = sun
+        if not -90.0 <= elevation <= 90.0:
+            raise InputError(f"the sun's elevation must be in -90..90 degrees, got {elevation:g}")
+        new = Sun(sun_direction(azimuth, elevation, up), level=level, angular_diameter=diameter)
+        before = next((light for light in lights if isinstance(light, Sun)), None)
+        if before is not None:
+            changed[changed.index(before)] = new
+        elif level > 0:
+            changed.append(new)
+    return tuple(changed)
+
+
+def _controls(scene: Scene, up: Up) -> dict[str, float | None]:
+    sky = next((light for light in scene.sources if isinstance(light, Sky)), None)
+    sun = next((light for light in scene.sources if isinstance(light, Sun)), None)
+    found: dict[str, float | None] = {
+        "sky": None if sky is None else float(sky.level),
+        "azimuth": None,
+        "elevation": None,
+        "sun": None,
+        "diameter": None,
+    }
+    if sun is not None:
+        x, y, z = up_frame(up) @ np.asarray(sun.direction)
+        found["azimuth"] = round(math.degrees(math.atan2(y, x)) % 360.0, 6)
+        found["elevation"] = round(math.degrees(math.asin(min(1.0, max(-1.0, float(z))))), 6)
+        found["sun"] = float(sun.level)
+        found["diameter"] = float(sun.angular_diameter)
+    return found
+
+
+def _view_json(view: View, spheres: SphereSet) -> dict[str, Any]:
+    found = view.to_json()
+    camera = found["camera"]
+    if camera is not None:
+        for name in ("eye", "target"):
+            camera[name] = spheres.to_unit(camera[name]).tolist()
+        if camera["height"] is not None:
+            camera["height"] = spheres.length_to_unit(camera["height"])
+    return found
+
+
+def _drawable(particles: Particles, name: str) -> bool:
+    return particles.scalar(name).dtype.kind in "fiu"
+
+
+def _title(series: object) -> str:
+    path = getattr(series, "path", None)
+    return (
+        os.path.basename(os.fspath(path).rstrip("/\\"))
+        if isinstance(path, str | os.PathLike)
+        else "particles"
+    )

@@ -1,0 +1,217 @@
+"""`luxel.view`: show particles in a browser tab."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import secrets
+import socket
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+import uvicorn
+
+from luxel.app.hub import Hub
+from luxel.app.protocol import CLIENT_BYTES_MAX
+from luxel.app.server import make_app
+from luxel.errors import InputError, LuxelError
+from luxel.kernels.jit import cold
+from luxel.scene.view import View
+from luxel.session import Session
+
+__all__ = ["Viewer", "view"]
+
+_log = logging.getLogger(__name__)
+_START_TIMEOUT_S = 30.0
+_STOP_TIMEOUT_S = 5.0
+_COLD_NOTICE = "Compiling light kernels for this machine (once) …"
+
+
+class Viewer:
+    """A running viewer; :meth:`close` or leaving a ``with`` block stops it.
+
+    Attributes
+    ----------
+    url
+        Address of the page, token included.
+    session
+        The session it shows: change frames and lights through it, and the page follows.
+    """
+
+    def __init__(self, session: Session, host: str, port: int, owns_session: bool) -> None:
+        self.session = session
+        self._owns_session = owns_session
+        self._socket = _listen(host, port)
+        token = secrets.token_urlsafe(24)
+        bound = self._socket.getsockname()[1]
+        shown = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(host, host)
+        self.url = f"http://{f'[{shown}]' if ':' in shown else shown}:{bound}/?token={token}"
+        config = uvicorn.Config(
+            make_app(Hub(session, _COLD_NOTICE if cold() else ""), token, host),
+            log_config=None,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            ws_max_size=CLIENT_BYTES_MAX,
+            ws_per_message_deflate=False,  # tiles hardly shrink, and packing them would cost the light a thread
+            timeout_graceful_shutdown=1,
+        )
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._run, name="luxel-viewer", daemon=True)
+        self._started = threading.Event()
+        self._thread.start()
+        if not (self._started.wait(_START_TIMEOUT_S) and self._server.started):
+            self.close()
+            raise LuxelError(f"the viewer's server did not start on {host} port {bound}; see the log")
+
+    def close(self) -> None:
+        """Stop serving, and end the session if the viewer made it."""
+        self._server.should_exit = True
+        if threading.current_thread() is not self._thread:
+            self._thread.join(_STOP_TIMEOUT_S)
+        self._socket.close()
+        if self._owns_session:
+            self.session.close()
+
+    def wait(self) -> None:
+        """Serve until the server ends; Ctrl-C raises KeyboardInterrupt here as anywhere."""
+        while self._thread.is_alive():
+            self._thread.join(1.0)  # on Windows, Ctrl-C cannot interrupt an endless join
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"Viewer({self.url!r})"
+
+    def _run(self) -> None:
+        server = self._server
+        startup = server.startup
+
+        async def startup_then_tell(*args: Any, **kwargs: Any) -> None:
+            await startup(*args, **kwargs)
+            self._started.set()
+
+        server.startup = startup_then_tell  # type: ignore[method-assign]
+        try:
+            server.run(sockets=[self._socket])
+        finally:
+            self._started.set()
+
+
+def view(
+    target: Any,
+    view: View | None = None,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    open_browser: bool = True,
+    block: bool = True,
+    threads: int | None = None,
+    announce: Callable[[str], None] | None = None,
+    **session_options: Any,
+) -> Viewer:
+    """Show particles in a browser tab, with light that arrives while you look around.
+
+    Parameters
+    ----------
+    target
+        A file or pattern, a `Series`, `Particles`, a `Scene`, or a `Session` that is already there.
+    view
+        Camera, colours and tone to start with; overrides the session's.
+    host, port
+        Where to listen; port 0 takes a free one. Anyone who can reach the address and knows the token can look.
+    open_browser
+        Open a tab, if this machine has a screen.
+    block
+        Serve until Ctrl-C. False returns at once; call ``close()`` on the result.
+    threads
+        Threads that compute light; None takes all cores.
+    announce
+        Called once with the address when the viewer is ready; None writes it to standard output.
+    **session_options
+        Passed to :class:`luxel.Session`: ``model``, ``lights``, ``albedo``, ``spec`` ...
+
+    Returns
+    -------
+    Viewer
+        Running, unless `block`.
+
+    Raises
+    ------
+    InputError
+        If the address cannot be listened on, or a `Session` is given together with options for a new one.
+    """
+    owned = not isinstance(target, Session)
+    if not owned and (session_options or threads is not None):
+        given = ", ".join([*session_options, *(["threads"] if threads is not None else [])])
+        raise InputError(f"{given}: options for a new session, but a Session was given — set them there")
+    session = _make_session(target, view, threads, session_options) if owned else target
+    if not owned and view is not None:
+        session.view = view
+    try:
+        viewer = Viewer(session, host, port, owned)
+    except LuxelError:
+        if owned:
+            session.close()
+        raise
+    (announce or _announce)(viewer.url)
+    if open_browser:
+        _open_tab(viewer.url)
+    if block:
+        try:
+            viewer.wait()
+        except KeyboardInterrupt:
+            _log.info("interrupted; closing the viewer")
+        finally:
+            viewer.close()
+    return viewer
+
+
+def _make_session(target: Any, view: View | None, threads: int | None, options: dict[str, Any]) -> Session:
+    if isinstance(target, str | os.PathLike):
+        from luxel.io import open as open_series
+
+        target = open_series(target)
+    return Session(target, view=view, threads=threads, **options)
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        if os.name != "nt":  # there, the option would let two servers share a port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(64)
+    except (OSError, OverflowError) as error:
+        listener.close()
+        raise InputError(
+            f"cannot listen on {host} port {port}: {error} — choose another --port (0 takes a free one)"
+        ) from None
+    return listener
+
+
+def _announce(url: str) -> None:
+    sys.stdout.write(f"luxel: {url}\n")
+    sys.stdout.flush()
+
+
+def _open_tab(url: str) -> None:
+    # Without a screen, `webbrowser` would start a text browser in the user's terminal.
+    if sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        return
+    with contextlib.suppress(webbrowser.Error):
+        webbrowser.open(url)

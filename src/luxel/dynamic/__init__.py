@@ -1,0 +1,1 @@
+"""Dynamic luminance textures (paper 4.2): cache, request queue, engine."""

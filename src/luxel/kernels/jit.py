@@ -1,0 +1,83 @@
+"""The one jit policy of all kernels, and a disk cache that notices edits in any of them.
+
+Numba's own cache watches only the file of the jitted function: a kernel that inlines another from an edited file
+would stay stale. So compiled code lives in a folder named after the sources of all kernels.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+__all__ = ["cache_folder", "cold", "kernel"]
+
+# Results must not depend on how many particles share a call, so no `parallel`; threads come from the caller.
+# NaN and infinity are kept meaningful: misses are marked by infinity. (Vector operations carry flags of their own.)
+_FAST = {"nsz", "arcp", "contract", "afn", "reassoc"}
+
+
+def _base_folder() -> Path:
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(chosen)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "luxel"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "luxel" / "Cache"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "luxel"
+
+
+def _source_key() -> str:
+    digest = hashlib.blake2b(numba.__version__.encode(), digest_size=8)
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _writable_folder() -> Path:
+    name = f"kernels-{_source_key()}"
+    try:
+        folder = _base_folder() / name
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    except (OSError, RuntimeError):  # no home, read-only home
+        pass
+    folder = Path(tempfile.gettempdir()) / f"luxel-{os.getuid() if hasattr(os, 'getuid') else 'user'}" / name
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    return folder
+
+
+cache_folder: Path = _writable_folder()
+_started_cold = not any(cache_folder.rglob("*.nbc"))
+
+
+def cold() -> bool:
+    """Whether no kernel of this version had been compiled on this machine when the process started."""
+    return _started_cold
+
+
+def kernel(function: Callable[..., Any] | None = None, *, inline: bool = False) -> Any:
+    """Compile a function with luxel's policy: nopython, no GIL, disk-cached, no exceptions for division by zero.
+
+    Kernels take arrays and scalars, write results to arguments, allocate nothing in loops and never start threads.
+    `inline` marks small functions that LLVM should always inline.
+    """
+
+    def decorate(body: Callable[..., Any]) -> Any:
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(cache_folder)
+        try:
+            return numba.njit(
+                nogil=True, cache=True, fastmath=_FAST, error_model="numpy", forceinline=inline, boundscheck=False
+            )(body)
+        finally:
+            numba.config.CACHE_DIR = before
+
+    return decorate if function is None else decorate(function)

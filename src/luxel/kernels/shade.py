@@ -1,0 +1,128 @@
+"""Shading of primary hits: texture lookup, closed-form Lambert, or path tracing of every pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.light import lambert
+from luxel.kernels.path import luminance_at
+from luxel.kernels.rng import PURPOSE_PIXEL, path_key
+from luxel.kernels.tiles import primary_ray
+from luxel.kernels.tree_trace import scratch
+from luxel.kernels.warp import latlong_uv
+
+__all__ = ["bilinear", "develop", "shade_pixels", "shade_textures"]
+
+_HALF, _ONE = np.float32(0.5), np.float32(1)
+
+
+@kernel(inline=True)
+def _texel(codes, decoding, slot, row, column):
+    """Decoded texel; rows beyond a pole continue on the opposite side."""
+    texels = codes.shape[1]
+    if row < 0:
+        row, column = -1 - row, column + texels // 2
+    elif row >= texels:
+        row, column = 2 * texels - 1 - row, column + texels // 2
+    return decoding[codes[slot, row, column % texels]]
+
+
+@kernel
+def bilinear(codes, decoding, slot, nx, ny, nz):
+    """Luminance of texture `slot` where the unit normal n points, interpolated bilinearly (paper 3.4)."""
+    texels = codes.shape[1]
+    u, v = latlong_uv(nx, ny, nz)
+    x, y = u * np.float32(texels) - _HALF, v * np.float32(texels) - _HALF
+    column, row = int(np.floor(x)), int(np.floor(y))
+    a, b = x - np.float32(column), y - np.float32(row)
+    column += texels  # keeps the remainder positive left of column 0
+    top = (_ONE - a) * _texel(codes, decoding, slot, row, column) + a * _texel(codes, decoding, slot, row, column + 1)
+    low = (_ONE - a) * _texel(codes, decoding, slot, row + 1, column) + a * _texel(codes, decoding, slot, row + 1, column + 1)
+    return (_ONE - b) * top + b * low
+
+
+@kernel(inline=True)
+def _hit_normal(centers, sphere, ox, oy, oz, dx, dy, dz, t):
+    nx, ny, nz = ox + t * dx - centers[sphere, 0], oy + t * dy - centers[sphere, 1], oz + t * dz - centers[sphere, 2]
+    scale = _ONE / np.sqrt(nx * nx + ny * ny + nz * nz)
+    return nx * scale, ny * scale, nz * scale
+
+
+@kernel(inline=True)
+def _add(total, colors, sphere, luminance):
+    for c in range(3):
+        total[c] += luminance * colors[sphere, c]
+    total[3] += luminance
+    total[4] += _ONE
+
+
+@kernel
+def shade_textures(world, eye, shift_x, shift_y, first_row, last_row, distance, ids, slot, codes, decoding, colors, total):
+    """Add rows [first_row, last_row) to `total` (H, W, 5): luminance times colour, luminance, coverage.
+
+    Particles without a texture (slot -1) are shaded by closed-form Lambert.
+    """
+    height, width = ids.shape
+    for y in range(first_row, last_row):
+        for x in range(width):
+            sphere = ids[y, x]
+            if sphere < 0:
+                continue
+            ox, oy, oz, dx, dy, dz = primary_ray(eye, np.float32(x) + shift_x, np.float32(y) + shift_y, width, height)
+            nx, ny, nz = _hit_normal(world.centers, sphere, ox, oy, oz, dx, dy, dz, distance[y, x])
+            s = slot[sphere]
+            if s >= 0:
+                luminance = bilinear(codes, decoding, s, nx, ny, nz)
+            else:
+                r = world.radii[sphere]
+                luminance = lambert(
+                    world.lights, world.centers[sphere, 0] + r * nx, world.centers[sphere, 1] + r * ny,
+                    world.centers[sphere, 2] + r * nz, nx, ny, nz,
+                )  # fmt: skip
+            _add(total[y, x], colors, sphere, luminance)
+
+
+@kernel
+def shade_pixels(world, eye, shift_x, shift_y, first_row, last_row, distance, ids, samples, first_sample, colors, total):
+    """Add rows [first_row, last_row) to `total` as `shade_textures` does, path tracing `samples` times at every hit."""
+    work = scratch(world.tree.stack_size)
+    height, width = ids.shape
+    for y in range(first_row, last_row):
+        for x in range(width):
+            sphere = ids[y, x]
+            if sphere < 0:
+                continue
+            ox, oy, oz, dx, dy, dz = primary_ray(eye, np.float32(x) + shift_x, np.float32(y) + shift_y, width, height)
+            nx, ny, nz = _hit_normal(world.centers, sphere, ox, oy, oz, dx, dy, dz, distance[y, x])
+            r = world.radii[sphere]
+            px = world.centers[sphere, 0] + r * nx
+            py = world.centers[sphere, 1] + r * ny
+            pz = world.centers[sphere, 2] + r * nz
+            luminance = np.float32(0)
+            for s in range(samples):
+                state = path_key(world.seed, y * width + x, 0, first_sample + s, PURPOSE_PIXEL)
+                luminance += luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state)
+            _add(total[y, x], colors, sphere, luminance / np.float32(samples))
+
+
+@kernel
+def develop(total, rays, exposure, white, background, picture):
+    """Turn `total` of `rays` rays a pixel into linear colours (H, W, 3): tone curve on luminance, then colour, then background.
+
+    The tone curve is Reinhard's extended one (2002): `white` displays as 1; linear when white <= 1. It acts on
+    luminance alone, so that a pixel keeps the chromaticity of its colours however bright it is lit (paper 3.1).
+    """
+    scale = _ONE / np.float32(rays)
+    for y in range(total.shape[0]):
+        for x in range(total.shape[1]):
+            cover = total[y, x, 4] * scale
+            luminance = total[y, x, 3]
+            gain = np.float32(0)
+            if luminance > 0:
+                v = luminance / total[y, x, 4] * exposure
+                if white > _ONE:
+                    v = v * (_ONE + v / (white * white)) / (_ONE + v)
+                gain = min(v, _ONE) * cover / luminance
+            for c in range(3):
+                picture[y, x, c] = total[y, x, c] * gain + background[c] * (_ONE - cover)

@@ -1,0 +1,229 @@
+"""Sphere tree, construction: binned-SAH binary tree, collapsed to nodes of sixteen children and leaves of up to sixteen spheres.
+
+The SAH counts a leaf's cost in SIMD blocks, since sixteen spheres cost as much as one. Binary nodes of the range
+[first, last) live in slots 2·first …, so that subtrees are built by any number of threads with one result.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.simd import LANES
+
+__all__ = ["OPEN", "LEAF", "build_subtree", "collapse", "count_leaves", "fill_leaves"]
+
+LEAF = -1
+OPEN = -2  # a range left for another task
+BINS = 16
+# Deeper than this, ranges are halved: positions that crowd exponentially cannot make the stack overflow.
+_MEDIAN_DEPTH = 64
+_BIG = np.float32(3e38)
+
+
+@kernel
+def _split(centers, radii, order, first, last, depth, box, bins, counts, right_cost):
+    """Write the bounds of a range to `box` and partition it; return where the right part starts, or -1 for a leaf."""
+    lx = ly = lz = cx0 = cy0 = cz0 = _BIG
+    hx = hy = hz = cx1 = cy1 = cz1 = -_BIG
+    for k in range(first, last):
+        i = order[k]
+        x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radii[i]
+        cx0, cy0, cz0 = min(cx0, x), min(cy0, y), min(cz0, z)
+        cx1, cy1, cz1 = max(cx1, x), max(cy1, y), max(cz1, z)
+        lx, ly, lz = min(lx, x - r), min(ly, y - r), min(lz, z - r)
+        hx, hy, hz = max(hx, x + r), max(hy, y + r), max(hz, z + r)
+    box[0], box[1], box[2], box[3], box[4], box[5] = lx, ly, lz, hx, hy, hz
+    count = last - first
+    if count <= LANES:
+        return -1
+    axis, width, start = 0, cx1 - cx0, cx0
+    if cy1 - cy0 > width:
+        axis, width, start = 1, cy1 - cy0, cy0
+    if cz1 - cz0 > width:
+        axis, width, start = 2, cz1 - cz0, cz0
+    middle = (first + last) // 2
+    scale = np.float32(BINS) * np.float32(0.9999) / width if width > 0 else np.float32(0)
+    if not (width > 0 and scale < _BIG) or depth > _MEDIAN_DEPTH:
+        return middle
+
+    for b in range(BINS):
+        counts[b] = 0
+        for a in range(3):
+            bins[b, a] = _BIG
+            bins[b, 3 + a] = -_BIG
+    for k in range(first, last):
+        i = order[k]
+        b = int((centers[i, axis] - start) * scale)
+        r = radii[i]
+        counts[b] += 1
+        for a in range(3):
+            v = centers[i, a]
+            bins[b, a] = min(bins[b, a], v - r)
+            bins[b, 3 + a] = max(bins[b, 3 + a], v + r)
+
+    lx = ly = lz = _BIG
+    hx = hy = hz = -_BIG
+    total = 0
+    for b in range(BINS - 1, 0, -1):
+        lx, ly, lz = min(lx, bins[b, 0]), min(ly, bins[b, 1]), min(lz, bins[b, 2])
+        hx, hy, hz = max(hx, bins[b, 3]), max(hy, bins[b, 4]), max(hz, bins[b, 5])
+        total += counts[b]
+        ex, ey, ez = hx - lx, hy - ly, hz - lz
+        blocks = np.float32((total + LANES - 1) // LANES)
+        right_cost[b] = (ex * ey + ey * ez + ez * ex) * blocks if total > 0 else np.float32(0)
+    lx = ly = lz = _BIG
+    hx = hy = hz = -_BIG
+    total = 0
+    best, cut = _BIG, -1
+    for b in range(BINS - 1):
+        lx, ly, lz = min(lx, bins[b, 0]), min(ly, bins[b, 1]), min(lz, bins[b, 2])
+        hx, hy, hz = max(hx, bins[b, 3]), max(hy, bins[b, 4]), max(hz, bins[b, 5])
+        total += counts[b]
+        if total == 0 or total == count:
+            continue
+        ex, ey, ez = hx - lx, hy - ly, hz - lz
+        cost = (ex * ey + ey * ez + ez * ex) * np.float32((total + LANES - 1) // LANES) + right_cost[b + 1]
+        if cost < best:
+            best, cut = cost, b
+    if cut < 0:
+        return middle
+
+    low, high = first, last - 1
+    while True:
+        while low <= high and int((centers[order[low], axis] - start) * scale) <= cut:
+            low += 1
+        while low <= high and int((centers[order[high], axis] - start) * scale) > cut:
+            high -= 1
+        if low >= high:
+            break
+        order[low], order[high] = order[high], order[low]
+        low += 1
+        high -= 1
+    return low
+
+
+@kernel
+def build_subtree(centers, radii, order, first, last, root, start_depth, task_size, boxes, left, right, begin, end, depth):
+    """Build the binary tree of [first, last) at slot `root`; ranges of at most `task_size` stay OPEN (0: none).
+
+    Returns the number of slots used.
+    """
+    bins = np.empty((BINS, 6), np.float32)
+    counts = np.empty(BINS, np.int32)
+    right_cost = np.empty(BINS, np.float32)
+    stack = np.empty(_MEDIAN_DEPTH + 70, np.int64)
+    begin[root], end[root], depth[root] = first, last, start_depth
+    stack[0] = root
+    height, used = 1, 1
+    while height > 0:
+        height -= 1
+        node = stack[height]
+        s, e = begin[node], end[node]
+        if task_size > 0 and e - s <= task_size:
+            left[node] = OPEN
+            continue
+        middle = _split(centers, radii, order, s, e, depth[node], boxes[node], bins, counts, right_cost)
+        if middle < 0:
+            left[node] = LEAF
+            continue
+        a, b = root + used, root + used + 1
+        used += 2
+        left[node], right[node] = a, b
+        begin[a], end[a], depth[a] = s, middle, depth[node] + 1
+        begin[b], end[b], depth[b] = middle, e, depth[node] + 1
+        stack[height], stack[height + 1] = a, b
+        height += 2
+    return used
+
+
+@kernel
+def count_leaves(left, right, low, high, leaves):
+    """Write the number of leaves below each binary node in slots [low, high); children have higher slots."""
+    for node in range(high - 1, low - 1, -1):
+        if left[node] >= 0:
+            leaves[node] = leaves[left[node]] + leaves[right[node]]
+        elif left[node] == LEAF:
+            leaves[node] = 1
+
+
+@kernel
+def collapse(boxes, left, right, begin, end, leaves, root, nodes, child, leaf_begin, leaf_end):
+    """Turn the binary tree into sixteen-wide nodes; return (nodes used, leaves used, depth).
+
+    A node's children are opened by leaf count towards full bottom nodes, then small ones that fit entirely.
+    Row k of `nodes` holds low x, y, z and high x, y, z of its children, sixteen each; unused lanes are empty boxes.
+    `child` is the index of an inner node, or ~leaf.
+    """
+    source = np.empty(nodes.shape[0], np.int64)
+    level = np.empty(nodes.shape[0], np.int32)
+    open_nodes = np.empty(LANES, np.int64)
+    source[0], level[0] = root, 1
+    used, leaf_count, k, depth = 1, 0, 0, 1
+    while k < used:
+        top = source[k]
+        depth = max(depth, level[k])
+        open_nodes[0] = top
+        count = 1
+        full = 1
+        while full * LANES < leaves[top]:
+            full *= LANES
+        while count < LANES:
+            pick, most = -1, full
+            for q in range(count):
+                c = open_nodes[q]
+                if left[c] >= 0 and leaves[c] > most:
+                    pick, most = q, leaves[c]
+            if pick < 0:
+                largest = np.float32(-1)
+                for q in range(count):
+                    c = open_nodes[q]
+                    if left[c] >= 0 and leaves[c] - 1 <= LANES - count:
+                        ex, ey, ez = boxes[c, 3] - boxes[c, 0], boxes[c, 4] - boxes[c, 1], boxes[c, 5] - boxes[c, 2]
+                        area = ex * ey + ey * ez + ez * ex
+                        if area > largest:
+                            largest, pick = area, q
+            if pick < 0:
+                break
+            c = open_nodes[pick]
+            open_nodes[pick], open_nodes[count] = left[c], right[c]
+            count += 1
+        for q in range(LANES):
+            if q < count:
+                c = open_nodes[q]
+                for a in range(6):
+                    nodes[k, a * LANES + q] = boxes[c, a]
+                if left[c] >= 0:
+                    child[k, q] = used
+                    source[used], level[used] = c, level[k] + 1
+                    used += 1
+                else:
+                    child[k, q] = ~leaf_count
+                    leaf_begin[leaf_count], leaf_end[leaf_count] = begin[c], end[c]
+                    leaf_count += 1
+            else:
+                for a in range(3):
+                    nodes[k, a * LANES + q] = np.float32(1e30)
+                    nodes[k, (3 + a) * LANES + q] = np.float32(-1e30)
+                child[k, q] = 0
+        k += 1
+    return used, leaf_count, depth
+
+
+@kernel
+def fill_leaves(centers, radii, order, leaf_begin, leaf_end, low, high, spheres, ids):
+    """Write the spheres of leaves [low, high): x, y, z, r² in rows of sixteen, and particle ids; -1 in unused lanes."""
+    for leaf in range(low, high):
+        first, count = leaf_begin[leaf], leaf_end[leaf] - leaf_begin[leaf]
+        for q in range(LANES):
+            if q < count:
+                i = order[first + q]
+                for a in range(3):
+                    spheres[leaf, a * LANES + q] = centers[i, a]
+                spheres[leaf, 3 * LANES + q] = radii[i] * radii[i]
+                ids[leaf, q] = i
+            else:
+                for a in range(3):
+                    spheres[leaf, a * LANES + q] = np.float32(1e15)
+                spheres[leaf, 3 * LANES + q] = np.float32(-1)
+                ids[leaf, q] = -1

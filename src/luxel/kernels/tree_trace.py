@@ -1,0 +1,158 @@
+"""Sphere tree, single rays: nearest hit and occlusion, sixteen boxes or spheres at a time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.simd import (
+    LANES, any_lane, bits, fma, fnma, lane_min, load, select, splat, splat_int, store, trailing_zeros, vmax, vmin, vsqrt,
+)  # fmt: skip
+
+__all__ = ["Tree", "occluded", "scratch", "trace", "trace_rays"]
+
+MISS = -1
+# A sphere that a ray is about to leave does not block it: coincident and just-touching spheres stay lit.
+_EXIT_TOLERANCE = np.float32(1e-8)  # (1e-4 radii)²
+_TINY = np.float32(1e-12)
+
+
+class Tree(NamedTuple):
+    """The arrays of a sphere tree, flat, as kernels take them (see ``tree_build``)."""
+
+    nodes: np.ndarray  # float32, 6·16 a node
+    child: np.ndarray  # int32, 16 a node
+    spheres: np.ndarray  # float32, 4·16 a leaf
+    ids: np.ndarray  # int32, 16 a leaf
+    stack_size: int
+
+
+class Scratch(NamedTuple):
+    """Working memory of one thread."""
+
+    node: np.ndarray
+    near: np.ndarray
+    lanes: np.ndarray
+
+
+@kernel
+def scratch(stack_size):
+    """Allocate working memory for one thread's rays."""
+    return Scratch(
+        np.empty(stack_size, np.int32), np.empty(stack_size, np.float32), np.empty(8 * LANES, np.float32)
+    )
+
+
+@kernel
+def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
+    """Follow one ray from (ox, oy, oz) along the unit vector (dx, dy, dz) for at most `limit`.
+
+    Returns (distance, particle id), id -1 for a miss. A ray that starts inside a sphere hits it at distance 0.
+    Sphere `skip` is left out: a ray leaving a convex surface never meets it again. With `any_hit`, the first
+    sphere found will do and the distance means nothing.
+    """
+    nodes, child, spheres, ids = tree.nodes, tree.child, tree.spheres, tree.ids
+    stack, near, lanes = work.node, work.near, work.lanes
+    one = np.float32(1)
+    ix = one / (dx if abs(dx) > _TINY else _TINY)
+    iy = one / (dy if abs(dy) > _TINY else _TINY)
+    iz = one / (dz if abs(dz) > _TINY else _TINY)
+    near_x = 0 if ix >= 0 else 3 * LANES
+    near_y = LANES if iy >= 0 else 4 * LANES
+    near_z = 2 * LANES if iz >= 0 else 5 * LANES
+    far_x, far_y, far_z = 3 * LANES - near_x, 5 * LANES - near_y, 7 * LANES - near_z
+    vix, viy, viz = splat(ix), splat(iy), splat(iz)
+    vox, voy, voz = splat(-ox * ix), splat(-oy * iy), splat(-oz * iz)
+    zero = splat(np.float32(0))
+    hit = MISS
+    height = 0
+    current = 0
+    while True:
+        if current >= 0:
+            o = current * (6 * LANES)
+            enter = vmax(
+                vmax(fma(load(nodes, o + near_x), vix, vox), fma(load(nodes, o + near_y), viy, voy)),
+                vmax(fma(load(nodes, o + near_z), viz, voz), zero),
+            )
+            leave = vmin(
+                vmin(fma(load(nodes, o + far_x), vix, vox), fma(load(nodes, o + far_y), viy, voy)),
+                vmin(fma(load(nodes, o + far_z), viz, voz), splat(limit)),
+            )
+            m = bits(enter <= leave)
+            if m != 0:
+                k = trailing_zeros(m)
+                m &= m - 1
+                base = current * LANES
+                if m == 0:
+                    current = child[base + k]
+                    continue
+                store(lanes, 0, enter)
+                bottom = height
+                stack[height], near[height] = child[base + k], lanes[k]
+                height += 1
+                while m != 0:  # insertion sort: nearest on top
+                    k = trailing_zeros(m)
+                    m &= m - 1
+                    t = lanes[k]
+                    j = height
+                    while j > bottom and near[j - 1] < t:
+                        near[j], stack[j] = near[j - 1], stack[j - 1]
+                        j -= 1
+                    near[j], stack[j] = t, child[base + k]
+                    height += 1
+                height -= 1
+                current = stack[height]
+                continue
+        else:
+            leaf = ~current
+            o = leaf * (4 * LANES)
+            cx = load(spheres, o) - ox
+            cy = load(spheres, o + LANES) - oy
+            cz = load(spheres, o + 2 * LANES) - oz
+            vdx, vdy, vdz = splat(dx), splat(dy), splat(dz)
+            r2 = load(spheres, o + 3 * LANES)
+            b = fma(cx, vdx, fma(cy, vdy, cz * vdz))
+            # Distance of the ray's line to the centre first: no cancellation for far spheres.
+            px, py, pz = fnma(b, vdx, cx), fnma(b, vdy, cy), fnma(b, vdz, cz)
+            disc = fnma(px, px, fnma(py, py, fnma(pz, pz, r2)))
+            crosses = disc >= zero
+            if any_lane(crosses):
+                root = vsqrt(vmax(disc, zero))
+                t = b - root
+                out = b + root
+                hits = crosses & (out > zero) & (out * out > r2 * _EXIT_TOLERANCE) & (t < limit)
+                hits = hits & (load(ids, leaf * LANES) != splat_int(skip))
+                if any_lane(hits):
+                    if any_hit:
+                        return np.float32(0), ids[leaf * LANES + trailing_zeros(bits(hits))]
+                    t = select(hits, vmax(t, zero), splat(np.float32(1e30)))
+                    limit = lane_min(t)
+                    hit = leaf * LANES + trailing_zeros(bits(t <= limit))
+        while True:
+            height -= 1
+            if height < 0:
+                return limit, ids[hit] if hit >= 0 else np.int32(MISS)
+            if near[height] < limit:
+                break
+        current = stack[height]
+
+
+@kernel
+def occluded(tree, work, ox, oy, oz, dx, dy, dz, limit, skip):
+    """Whether any sphere but `skip` meets the ray before `limit`."""
+    return trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, True)[1] >= 0
+
+
+@kernel
+def trace_rays(tree, origins, directions, limit, skip, any_hit, distance, ids):
+    """Trace (M, 3) rays; write distances (infinite for a miss) and particle ids (-1 for a miss)."""
+    work = scratch(tree.stack_size)
+    for k in range(origins.shape[0]):
+        t, i = trace(
+            tree, work, origins[k, 0], origins[k, 1], origins[k, 2], directions[k, 0], directions[k, 1],
+            directions[k, 2], limit[k], skip[k], any_hit,
+        )  # fmt: skip
+        distance[k] = t if i >= 0 else np.float32(np.inf)
+        ids[k] = i

@@ -1,0 +1,117 @@
+"""Filtering noisy textures where the light lives: a linear minimum-mean-square-error estimate in texture space.
+
+Textures of one data set resemble each other. Their mean and covariance, learned from a training subset, tell which
+differences between texels are light and which are noise (Wiener 1949; for textures: lighting patterns span few
+dimensions, paper 3.3). Independent of the camera, so it cannot shimmer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["TextureFilter", "dilate"]
+
+_BASIS_COUNT = 32
+# A texture's own noise estimate is blended with the data set's, as if the latter came from this many texels.
+_PRIOR_TEXELS = 32.0
+
+
+@dataclass(frozen=True, eq=False)
+class TextureFilter:
+    """Mean, principal directions and noise of the textures of one data set.
+
+    Parameters
+    ----------
+    mean
+        (D,) float64, D texels.
+    basis
+        (r, D) float64, orthonormal rows.
+    power
+        (r,) float64, the signal's variance along each row.
+    noise
+        Variance of one sample, averaged over the training set.
+    """
+
+    mean: NDArray[np.float64]
+    basis: NDArray[np.float64]
+    power: NDArray[np.float64]
+    noise: float
+
+    @classmethod
+    def learn(
+        cls, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint16]
+    ) -> TextureFilter:
+        """Learn from (K, T, T) training textures; arguments as from ``kernels.path.sample_texels``.
+
+        The noise of the training textures themselves is subtracted from their covariance.
+        """
+        count = len(mean)
+        samples = dilate(mean, exposed > 0).reshape(count, -1).astype(np.float64)
+        weight = exposed.reshape(count, -1).astype(np.float64)
+        noise = float((variance.reshape(count, -1) * (weight > 1)).sum() / max(1.0, (weight > 1).sum()))
+        center = samples.mean(axis=0)
+        offset = samples - center
+        covariance = offset.T @ offset / max(1, count - 1)
+        texel_noise = (variance.reshape(count, -1) / np.maximum(weight, 1)).mean(axis=0)
+        covariance[np.diag_indices_from(covariance)] -= texel_noise
+        power, vectors = np.linalg.eigh(covariance)
+        keep = min(_BASIS_COUNT, max(1, count - 1), len(power))
+        power, vectors = power[::-1][:keep], vectors[:, ::-1][:, :keep]
+        # A direction with less signal than the uncertainty of its own estimate would only add noise.
+        floor = 1e-6 * max(float(power[0]), 1e-12)
+        return cls(center, np.ascontiguousarray(vectors.T), np.maximum(power, floor), noise)
+
+    def apply(
+        self, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint16]
+    ) -> NDArray[np.float32]:
+        """Return filtered (K, T, T) luminance; texels with no exposed sample are predicted from the others.
+
+        Every texture is treated alone: what it becomes does not depend on its batch.
+        """
+        shape = mean.shape
+        result = np.empty((shape[0], mean[0].size if len(mean) else 0), np.float32)
+        for k in range(shape[0]):
+            result[k] = self._estimate(mean[k].ravel(), variance[k].ravel(), exposed[k].ravel())
+        return result.reshape(shape)
+
+    def _estimate(
+        self, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint16]
+    ) -> NDArray[np.float64]:
+        known = exposed > 1
+        own = float(variance[known].sum()) if known.any() else 0.0
+        noise = (own + _PRIOR_TEXELS * self.noise) / (float(known.sum()) + _PRIOR_TEXELS)
+        if not exposed.any():
+            return np.zeros_like(self.mean)
+        weight = exposed / max(noise, 1e-12)
+        projected = self.basis * weight
+        matrix = projected @ self.basis.T
+        matrix[np.diag_indices_from(matrix)] += 1.0 / self.power
+        coefficients = np.linalg.solve(matrix, projected @ (mean - self.mean))
+        return np.maximum(self.mean + coefficients @ self.basis, 0.0)
+
+
+def dilate(textures: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Fill unknown texels of (K, T, T) latitude-longitude textures from their known neighbours, ring by ring.
+
+    Textures with no known texel become 0.
+    """
+    filled = np.where(known, textures, np.float32(0)).astype(np.float32)
+    have = known.copy()
+    half = textures.shape[2] // 2
+    while True:
+        open_ones = ~have & have.any(axis=(1, 2), keepdims=True)
+        if not open_ones.any():
+            return filled
+        total = np.zeros_like(filled)
+        weight = np.zeros_like(filled)
+        masked = np.where(have, filled, np.float32(0))
+        for values, target in ((masked, total), (have.astype(np.float32), weight)):
+            north = np.concatenate([np.roll(values[:, :1], half, axis=2), values[:, :-1]], axis=1)
+            south = np.concatenate([values[:, 1:], np.roll(values[:, -1:], half, axis=2)], axis=1)
+            target += north + south + np.roll(values, 1, axis=2) + np.roll(values, -1, axis=2)
+        grown = open_ones & (weight > 0)
+        filled[grown] = total[grown] / weight[grown]
+        have |= grown

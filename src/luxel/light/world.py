@@ -1,0 +1,45 @@
+"""A scene made ready for light kernels: tree, packed lights, model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.kernels import path
+from luxel.light.lights import pack_lights
+from luxel.scene.scene import Scene
+from luxel.trace.spheres import SphereSet
+from luxel.trace.tree import SphereTree
+
+__all__ = ["make_world"]
+
+_MODELS = {
+    "lambertian": path.LAMBERTIAN,
+    "shadows": path.SHADOWS,
+    "ao": path.AO,
+    "interreflection": path.INTERREFLECTION,
+}
+_NO_LIMIT = np.float32(1e30)
+_UNLIMITED_BOUNCES = 2**31 - 1
+
+
+def make_world(
+    scene: Scene, *, seed: int = 0, max_bounces: int | None = None, tree: SphereTree | None = None
+) -> path.World:
+    """Return what light kernels take; reuses `tree` when it was built for the same particles."""
+    spheres = SphereSet.of(scene.particles)
+    if tree is None or tree.spheres is not spheres:
+        tree = SphereTree.of(spheres)
+    reach = _NO_LIMIT
+    if scene.model == "ao" and scene.ao_distance is not None:
+        reach = np.float32(spheres.length_to_unit(scene.ao_distance))
+    return path.World(
+        tree.arrays,
+        pack_lights(scene, spheres),
+        spheres.centers,
+        spheres.radii,
+        _MODELS[scene.model],
+        np.float32(scene.albedo),
+        reach,
+        _UNLIMITED_BOUNCES if max_bounces is None else max_bounces,
+        np.uint64(seed),
+    )

@@ -1,0 +1,266 @@
+"""Pictures by ray tracing: luminance textures on visible particles, or every pixel path-traced."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from luxel.errors import InputError
+from luxel.kernels import shade, tiles
+from luxel.kernels.path import World
+from luxel.light.lights import scene_white
+from luxel.light.world import make_world
+from luxel.render.image import Image
+from luxel.scene.camera import Camera
+from luxel.scene.colormap import linear_to_srgb, rgb, srgb_to_linear
+from luxel.scene.scene import Scene
+from luxel.scene.view import View
+from luxel.textures.bake import Baker, bake_with
+from luxel.textures.spec import Mode, TextureSpec, light_key
+from luxel.textures.textures import LuminanceTextures, TextureSource, TextureTable, decoding_table
+from luxel.trace.spheres import SphereSet
+from luxel.trace.tree import run_parts, thread_count
+
+__all__ = ["render", "visible_ids"]
+
+Progress = Callable[[int, int], None]
+Light = Literal["texture", "pixel"]
+
+_BAND = 4 * tiles.TILE  # rows a task
+_MOST_PIXELS = 2**28
+
+
+def render(
+    scene: Scene,
+    view: View | None = None,
+    textures: LuminanceTextures | TextureSource | None = None,
+    size: tuple[int, int] = (1280, 720),
+    *,
+    light: Light = "texture",
+    samples: int | None = None,
+    mode: Mode = "fast",
+    antialias: int = 3,
+    threads: int | None = None,
+    seed: int = 0,
+    colorbar: bool = True,
+    key: str | None = None,
+    progress: Progress | None = None,
+) -> Image:
+    """Draw a picture.
+
+    Parameters
+    ----------
+    scene, view
+        What to draw and how; the default view frames the data.
+    textures
+        A bake or another source of textures; particles that it has none for are Lambert. None bakes the textures of
+        the visible particles first.
+    size
+        Width and height in pixels.
+    light
+        ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
+    samples
+        Of light: a texel (a square number, default 9) or a pixel (default 64).
+    mode, seed
+        Of the textures that are baked here, see :class:`luxel.TextureSpec`.
+    antialias
+        Rays along each side of a pixel: 1 for none, 3 for nine rays a pixel.
+    threads
+        None means all that the process may use; never changes the picture.
+    colorbar
+        Draw the colour bar, when the view colours by a scalar.
+    key
+        The light key to ask `textures` for; by default that of a `LuminanceTextures`.
+    progress
+        Called as ``progress(done, total)``.
+
+    Returns
+    -------
+    Image
+        With ``ids`` and ``depth`` of the pixel centres.
+
+    Raises
+    ------
+    InputError
+        For a size, light or sample count out of range.
+    """
+    view = view or View()
+    width, height = _checked_size(size)
+    if light not in ("texture", "pixel"):
+        raise InputError(f"light must be texture or pixel, got {light!r}")
+    if not 1 <= antialias <= 16:
+        raise InputError(f"antialias must be 1..16 rays along a pixel, got {antialias}")
+    workers = thread_count(threads)
+    camera = view.camera_for(scene.particles, (width, height))
+    world = make_world(scene, seed=seed)
+    eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
+    colors = view.colors(scene.particles)
+    total = np.zeros((height, width, 5), np.float32)
+    shifts = list(_shifts(antialias))
+    if light == "pixel":
+        spp = 64 if samples is None else samples
+        if spp < 1:
+            raise InputError(f"samples must be at least 1, got {samples}")
+        _draw_pixels(world, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
+    else:
+        table = _table(scene, eye, size, shifts, textures, key, samples, mode, seed, workers, progress, world)
+        draw_textures(world, eye, shifts, table, colors, total, workers)
+    picture = np.empty((height, width, 3), np.float32)
+    background = srgb_to_linear(rgb(view.background)).astype(np.float32)
+    shade.develop(total, len(shifts), np.float32(view.exposure), np.float32(scene_white(scene)), background, picture)
+    pixels = (linear_to_srgb(picture) * 255 + 0.5).astype(np.uint8)
+    distance, ids = trace_primary(world, eye, width, height, (0.5, 0.5), workers)
+    if colorbar and view.color_by is not None:
+        from luxel.render.colorbar import draw_colorbar  # noqa: PLC0415  fonts and ticks load only when drawn
+
+        pixels = draw_colorbar(pixels, view, scene.particles)
+    return Image(pixels, ids, distance * np.float32(SphereSet.of(scene.particles).unit))
+
+
+def visible_ids(
+    scene: Scene, camera: Camera, size: tuple[int, int], *, antialias: int = 1, threads: int | None = None
+) -> NDArray[np.int32]:
+    """Return the sorted ids (M,) int32 of particles that some ray of the picture hits first."""
+    width, height = _checked_size(size)
+    eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
+    return _visible(make_world(scene), eye, width, height, list(_shifts(antialias)), thread_count(threads))
+
+
+def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:
+    """Return the camera as kernels take it; `aspect` is width over height."""
+    right, up, forward = camera.basis()
+    half = math.tan(math.radians(camera.fov) / 2)
+    if camera.height is not None:
+        half = 0.5 * spheres.length_to_unit(camera.height)
+    return tiles.Eye(
+        spheres.to_unit(camera.eye).astype(np.float32),
+        (right * half * aspect).astype(np.float32),
+        (up * half).astype(np.float32),
+        forward.astype(np.float32),
+        camera.orthographic,
+    )
+
+
+def trace_primary(
+    world: World, eye: tiles.Eye, width: int, height: int, shift: tuple[float, float], threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return distance (H, W) float32 in normalised units and ids (H, W) int32; infinite and -1 on the background."""
+    distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+
+    def band(row: int) -> None:
+        tiles.primary_tiles(
+            world.tree, eye, width, height, np.float32(shift[0]), np.float32(shift[1]), row, min(row + _BAND, height), distance, ids
+        )
+
+    run_parts(band, range(0, height, _BAND), threads)
+    return distance, ids
+
+
+def draw_textures(
+    world: World,
+    eye: tiles.Eye,
+    shifts: list[tuple[float, float]],
+    table: TextureTable,
+    colors: NDArray[np.float32],
+    total: NDArray[np.float32],
+    threads: int,
+) -> None:
+    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.shade``."""
+    height, width = total.shape[:2]
+    distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+
+    def band(row: int) -> None:
+        last = min(row + _BAND, height)
+        for x, y in shifts:
+            shift = np.float32(x), np.float32(y)
+            tiles.primary_tiles(world.tree, eye, width, height, *shift, row, last, distance, ids)
+            shade.shade_textures(
+                world, eye, *shift, row, last, distance, ids, table.slot, table.codes, table.decoding, colors, total
+            )
+
+    run_parts(band, range(0, height, _BAND), threads)
+
+
+def _draw_pixels(
+    world: World,
+    eye: tiles.Eye,
+    shifts: list[tuple[float, float]],
+    samples: int,
+    colors: NDArray[np.float32],
+    total: NDArray[np.float32],
+    threads: int,
+    progress: Progress | None,
+) -> None:
+    height, width = total.shape[:2]
+    done = 0
+    for k, shift in enumerate(shifts):
+        distance, ids = trace_primary(world, eye, width, height, shift, threads)
+        x, y = np.float32(shift[0]), np.float32(shift[1])
+
+        def band(row: int, k: int = k, x: np.float32 = x, y: np.float32 = y, hits: tuple[NDArray[np.float32], NDArray[np.int32]] = (distance, ids)) -> None:
+            nonlocal done
+            last = min(row + tiles.TILE, height)
+            shade.shade_pixels(world, eye, x, y, row, last, *hits, samples, k * samples, colors, total)
+            done += last - row
+            if progress is not None:
+                progress(done, height * len(shifts))
+
+        run_parts(band, range(0, height, tiles.TILE), threads)
+
+
+def _table(
+    scene: Scene,
+    eye: tiles.Eye,
+    size: tuple[int, int],
+    shifts: list[tuple[float, float]],
+    textures: LuminanceTextures | TextureSource | None,
+    key: str | None,
+    samples: int | None,
+    mode: Mode,
+    seed: int,
+    threads: int,
+    progress: Progress | None,
+    world: World,
+) -> TextureTable:
+    count = len(scene.particles)
+    if textures is not None:
+        if key is None:
+            key = textures.key if isinstance(textures, LuminanceTextures) else light_key(scene, TextureSpec())
+        table = textures.snapshot(key)
+        if len(table.slot) != count:
+            raise InputError(f"the textures are of {len(table.slot)} particles, the scene has {count}")
+        return table
+    if scene.model == "lambertian":
+        none = np.full(count, -1, np.int32)
+        return TextureTable(none, np.zeros((1, 16, 16), np.uint8), decoding_table(1.0, "linear"))
+    spec = TextureSpec(samples=9 if samples is None else samples, mode=mode, seed=seed)
+    visible = _visible(world, eye, *size, shifts, threads)
+    return bake_with(Baker(scene, spec), visible, progress=progress, threads=threads).snapshot(light_key(scene, spec))
+
+
+def _visible(
+    world: World, eye: tiles.Eye, width: int, height: int, shifts: list[tuple[float, float]], threads: int
+) -> NDArray[np.int32]:
+    seen = np.zeros(len(world.radii) + 1, np.bool_)
+    for shift in shifts:
+        seen[trace_primary(world, eye, width, height, shift, threads)[1]] = True  # -1 marks the spare last entry
+    return np.flatnonzero(seen[:-1]).astype(np.int32)
+
+
+def _shifts(antialias: int) -> Iterator[tuple[float, float]]:
+    for k in range(antialias * antialias):
+        yield (k % antialias + 0.5) / antialias, (k // antialias + 0.5) / antialias
+
+
+def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    try:
+        width, height = (int(v) for v in size)
+    except (TypeError, ValueError):
+        raise InputError(f"size must be (width, height), got {size!r}") from None
+    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
+        raise InputError(f"size must be at least 1x1 and at most {_MOST_PIXELS} pixels in all, got {width}x{height}")
+    return width, height

@@ -1,0 +1,1 @@
+"""What is lit (Scene) and how it is looked at (View)."""

@@ -1,0 +1,107 @@
+"""Scene: everything that light depends on, and the key that names it."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+
+from luxel.errors import InputError
+from luxel.particles import Particles
+from luxel.scene.lights import Light, QuadLight, Sky, SphereLight, Sun, default_lights
+
+__all__ = ["MODELS", "Model", "Scene"]
+
+Model = Literal["lambertian", "shadows", "ao", "interreflection"]
+MODELS: tuple[Model, ...] = get_args(Model)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Particles, lights and the way light is computed.
+
+    Parameters
+    ----------
+    particles
+        The spheres; at least one.
+    lights
+        Any of `Sky` (at most one), `Sun`, `SphereLight`, `QuadLight`; None means
+        :func:`luxel.scene.lights.default_lights`.
+    model
+        ``"lambertian"``: direct light without shadows. ``"shadows"``: direct light with soft shadows.
+        ``"ao"``: ambient occlusion under a unit sky of its own, whatever the lights.
+        ``"interreflection"``: direct light, soft shadows and all diffuse bounces.
+    albedo
+        One luminance albedo for all particles, [0, 1]. Colours do not matter here (paper 3.1).
+    ao_distance
+        For ``"ao"``: spheres farther than this do not occlude, in file units; None means no limit.
+
+    Raises
+    ------
+    InputError
+        For no particles, an unknown model, values out of range.
+    """
+
+    particles: Particles
+    lights: Sequence[Light] | None = None
+    model: Model = "interreflection"
+    albedo: float = 0.7
+    ao_distance: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.particles, Particles):
+            raise InputError(f"a Scene needs Particles, got {type(self.particles).__name__} — luxel.open(...)[0] gives some")
+        if len(self.particles) == 0:
+            raise InputError("no particles: nothing to light or draw — choose another frame")
+        lights = default_lights() if self.lights is None else tuple(self.lights)
+        for light in lights:
+            if not isinstance(light, Sky | Sun | SphereLight | QuadLight):
+                raise InputError(f"a light must be Sky, Sun, SphereLight or QuadLight, got {type(light).__name__}")
+        if sum(isinstance(light, Sky) for light in lights) > 1:
+            raise InputError("a scene has at most one Sky")
+        if self.model not in MODELS:
+            raise InputError(f"model must be one of {', '.join(MODELS)}; got {self.model!r}")
+        if not 0.0 <= self.albedo <= 1.0:
+            raise InputError(f"albedo must be in [0, 1], got {self.albedo}")
+        if self.ao_distance is not None and not (math.isfinite(self.ao_distance) and self.ao_distance > 0):
+            raise InputError(f"ao_distance must be positive, got {self.ao_distance}")
+        object.__setattr__(self, "lights", lights)
+
+    @property
+    def sources(self) -> tuple[Light, ...]:
+        """The lights, defaults filled in."""
+        return cast(tuple[Light, ...], self.lights)
+
+    @property
+    def effective_lights(self) -> tuple[Light, ...]:
+        """The lights that the model really uses: ambient occlusion has a unit sky of its own."""
+        return (Sky(1.0),) if self.model == "ao" else self.sources
+
+    @cached_property
+    def key(self) -> str:
+        """Hex digest of all that light depends on. Scalars, colours and cameras are not among it."""
+        digest = hashlib.blake2b(digest_size=16)
+        digest.update(_particles_digest(self.particles))
+        digest.update(repr([_describe(light) for light in self.sources]).encode())
+        digest.update(repr((self.model, float(self.albedo), self.ao_distance)).encode())
+        return digest.hexdigest()
+
+    def with_changes(self, **changes: Any) -> Scene:
+        """Return a scene with some fields replaced."""
+        return replace(self, **changes)
+
+
+def _describe(light: Light) -> tuple[Any, ...]:
+    return (type(light).__name__, *(np.asarray(getattr(light, f.name), dtype=object).tolist() for f in fields(light)))
+
+
+def _particles_digest(particles: Particles) -> bytes:
+    digest = hashlib.blake2b(digest_size=16)
+    for array in (particles.origin, particles.local, particles.radii):
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.digest()

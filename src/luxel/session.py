@@ -1,0 +1,378 @@
+"""Session: the one place that wires particle data, scene, textures and engine; what the front ends share."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import EllipsisType, TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from luxel.arrays import as_ids, as_vector
+from luxel.dynamic.cache import TextureCache
+from luxel.dynamic.engine import Engine, Listener, TileBaker, TileBatch
+from luxel.errors import FrameError, SessionClosedError
+from luxel.light.lights import luminance_scale
+from luxel.particles import Particles
+from luxel.scene.lights import Light
+from luxel.scene.scene import Model, Scene
+from luxel.textures.bake import Baker
+from luxel.textures.spec import TextureSpec, light_key
+from luxel.textures.textures import Encoding, TextureTable, decoding_table
+from luxel.trace.spheres import SphereSet
+from luxel.trace.tree import thread_count
+
+if TYPE_CHECKING:
+    from luxel.io import Series
+    from luxel.scene.view import View
+
+__all__ = ["Session", "Status"]
+
+MakeBaker = Callable[[Scene, TextureSpec], TileBaker]
+
+
+@dataclass(frozen=True)
+class Status:
+    """What a session is doing, for status lines.
+
+    Parameters
+    ----------
+    key
+        The current light key.
+    particles
+        Particles in the frame.
+    ready, queued, baking, failed
+        How many of them have a texture, wait for one, are being baked, or were given up after errors.
+    evicted
+        Textures of any light key given up for room since the session began.
+    textures_per_s
+        Over the last few seconds.
+    over_budget
+        Visible particles that stay without texture because the cache is full of visible ones.
+    clipped
+        Texels brighter than the scale since the session began.
+    error
+        What went wrong last, in words.
+    """
+
+    key: str
+    particles: int
+    ready: int = 0
+    queued: int = 0
+    baking: int = 0
+    failed: int = 0
+    evicted: int = 0
+    textures_per_s: float = 0.0
+    over_budget: int = 0
+    clipped: int = 0
+    error: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Lit:
+    """What is shown at one moment; replaced as a whole, so that readers need no lock."""
+
+    frame: int
+    scene: Scene
+    key: str
+    scale: float
+    diagonal: float  # of the scene, in normalised units
+
+
+class Session:
+    """One data set under changing light, shared by any number of clients.
+
+    Parameters
+    ----------
+    series
+        A :class:`luxel.Series`, some `Particles`, or a `Scene`, which brings its own lights, model and albedo.
+    frame
+        Which time step; None means the first with particles.
+    lights, model, albedo, ao_distance
+        See :class:`luxel.Scene`.
+    spec
+        How textures are made.
+    view
+        How clients should look at it at first; the session only keeps it.
+    threads
+        Baking threads; None means one a core, 0 none: :meth:`run_for` does the work.
+    max_bytes
+        Budget of the texture cache.
+    clock
+        Seconds, never going backwards.
+    make_baker
+        Makes the baker of a scene; None means :class:`luxel.textures.bake.Baker`. Called on the engine's threads.
+
+    Raises
+    ------
+    InputError
+        For anything that a scene does not take.
+    FrameError
+        For a frame outside the series.
+
+    Notes
+    -----
+    Safe to use from several threads. The session owns a lock that puts changes of light and frame in a row; what is
+    current is one immutable value, read without it. Cache and engine own their locks; none is held while listeners run.
+    """
+
+    def __init__(
+        self,
+        series: Series | Particles | Scene,
+        *,
+        frame: int | None = None,
+        lights: Sequence[Light] | None = None,
+        model: Model = "interreflection",
+        albedo: float = 0.7,
+        ao_distance: float | None = None,
+        spec: TextureSpec | None = None,
+        view: View | None = None,
+        threads: int | None = None,
+        max_bytes: int = 256 << 20,
+        clock: Callable[[], float] = time.monotonic,
+        make_baker: MakeBaker | None = None,
+    ) -> None:
+        self.spec = TextureSpec(mode="fast", samples=16) if spec is None else spec
+        self.view = view
+        self._thread_count = 0 if threads == 0 else thread_count(threads)
+        self._make_baker = self._new_baker if make_baker is None else make_baker
+        self._lock = threading.RLock()
+        self._cache = TextureCache(self.spec.texels, max_bytes)
+        self._engine = Engine(self._cache, threads=self._thread_count, clock=clock)
+        self._closed = False
+        self.series: Sequence[Particles]
+        if isinstance(series, Scene):
+            self.series, scene = (series.particles,), series
+            frame = self._check_frame(frame or 0)
+        else:
+            self.series = (series,) if isinstance(series, Particles) else series
+            frame = self._check_frame(_first_frame(self.series) if frame is None else frame)
+            scene = Scene(self.series[frame], lights, model, albedo, ao_distance)
+        self._lit = self._light(frame, scene)
+
+    @property
+    def frame(self) -> int:
+        """Index of the current time step."""
+        return self._lit.frame
+
+    @property
+    def particles(self) -> Particles:
+        """The current time step."""
+        return self._lit.scene.particles
+
+    @property
+    def scene(self) -> Scene:
+        """The current scene."""
+        return self._lit.scene
+
+    @property
+    def key(self) -> str:
+        """The current light key."""
+        return self._lit.key
+
+    @property
+    def scale(self) -> float:
+        """Luminance of code 255 under the current light."""
+        return self._lit.scale
+
+    @property
+    def encoding(self) -> Encoding:
+        """How codes become luminance."""
+        return self.spec.encoding
+
+    @property
+    def source(self) -> SessionTextures:
+        """The session's textures for renderers: a :class:`luxel.textures.textures.TextureSource`."""
+        return SessionTextures(self)
+
+    def sighted(self, ids: ArrayLike, eye: ArrayLike, client: str = "", key: str | None = None) -> None:
+        """Note which particles a client sees now, and queue those without a texture. Cheap; call it once a frame.
+
+        Parameters
+        ----------
+        ids
+            (K,) ids of all visible particles.
+        eye
+            (3,) where they are seen from, in file units.
+        client
+            Any name; see :meth:`forget`.
+        key
+            The light key that the client shows, if it may be behind; then nothing happens.
+
+        Raises
+        ------
+        InputError
+            For ids outside the frame, or an eye that is not three finite numbers.
+        """
+        self._check_open()
+        lit = self._lit
+        if (key is not None and key != lit.key) or lit.scene.model == "lambertian":
+            return
+        visible = np.unique(as_ids(np.asarray(ids), len(lit.scene.particles)))
+        spheres = SphereSet.of(lit.scene.particles)
+        from_eye = spheres.centers[visible] - spheres.to_unit(as_vector(eye, "eye"))
+        distance = np.sqrt(np.einsum("ij,ij->i", from_eye, from_eye)) / lit.diagonal
+        self._engine.request(lit.key, visible, distance, client)
+
+    def tiles(self, ids: ArrayLike, key: str | None = None) -> TileBatch:
+        """Return the finished textures among `ids`, under the current light key or another that is still cached."""
+        self._check_open()
+        lit = self._lit
+        key = lit.key if key is None else key
+        count = self._cache.particle_count(key)
+        wanted = as_ids(np.asarray(ids) if count else [], count)
+        ready, codes = self._cache.lookup(key, wanted)
+        return TileBatch(key, wanted[ready], codes, stale=key != lit.key)
+
+    def subscribe(self, listener: Listener) -> Callable[[], None]:
+        """Call `listener` with each finished :class:`TileBatch`, from baking threads; return what ends that."""
+        return self._engine.subscribe(listener)
+
+    def relight(
+        self,
+        *,
+        model: Model | None = None,
+        lights: Sequence[Light] | None = None,
+        albedo: float | None = None,
+        ao_distance: float | EllipsisType | None = ...,
+    ) -> str:
+        """Change the light; return the new light key. What is not given stays.
+
+        Work queued under the old key is cancelled; its textures stay cached for when the change is undone.
+        """
+        changes: dict[str, Any] = {"model": model, "lights": lights, "albedo": albedo}
+        changes = {name: value for name, value in changes.items() if value is not None}
+        if ao_distance is not ...:
+            changes["ao_distance"] = ao_distance
+        with self._lock:
+            self._check_open()
+            self._lit = self._light(self._lit.frame, self._lit.scene.with_changes(**changes))
+            return self._lit.key
+
+    def set_frame(self, k: int) -> str:
+        """Show another time step under the same light; return the new light key.
+
+        Raises
+        ------
+        FrameError
+            If there is no such frame.
+        InputError
+            If it holds no particles; the session stays where it was.
+        """
+        with self._lock:
+            self._check_open()
+            k = self._check_frame(k)
+            if k != self._lit.frame:
+                self._lit = self._light(k, self._lit.scene.with_changes(particles=self.series[k]))
+            return self._lit.key
+
+    def status(self) -> Status:
+        """Return what the session is doing."""
+        lit = self._lit
+        counts = self._cache.counts(lit.key)
+        return Status(
+            key=lit.key,
+            particles=len(lit.scene.particles),
+            ready=counts.ready,
+            queued=counts.queued,
+            baking=counts.baking,
+            failed=counts.failed,
+            evicted=self._cache.stats().evicted,
+            textures_per_s=self._engine.textures_per_s,
+            over_budget=self._engine.over_budget,
+            clipped=self._engine.clipped_count,
+            error=self._engine.error,
+        )
+
+    def forget(self, client: str) -> None:
+        """Withdraw what only this client wanted; call it when the client is gone."""
+        self._engine.forget(client)
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Block until everything requested is ready; False if that takes longer than `timeout_s`."""
+        return self._engine.wait(timeout_s)
+
+    def run_for(self, budget_s: float) -> None:
+        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2."""
+        self._engine.run_for(budget_s)
+
+    def close(self) -> None:
+        """Stop baking and join the threads; closing twice does no harm."""
+        with self._lock:
+            self._closed = True
+        self._engine.close()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise SessionClosedError("this session is closed — open a new one")
+
+    def _check_frame(self, frame: int) -> int:
+        if not isinstance(frame, int | np.integer) or not 0 <= frame < len(self.series):
+            raise FrameError(f"no frame {frame!r} — there are {len(self.series)}, counted from 0")
+        return int(frame)
+
+    def _light(self, frame: int, scene: Scene) -> _Lit:
+        key = light_key(scene, self.spec)
+        scale = luminance_scale(scene)
+        self._engine.select(
+            key, len(scene.particles), scale, self.spec.encoding, lambda: self._make_baker(scene, self.spec)
+        )
+        low, high = SphereSet.of(scene.particles).bounds()
+        return _Lit(frame, scene, key, scale, float(np.linalg.norm(high - low)))
+
+    def _new_baker(self, scene: Scene, spec: TextureSpec) -> TileBaker:
+        baker = Baker(scene, spec)
+        baker.prepare(self._thread_count)  # else the first bake would, on one thread
+        return baker
+
+
+class SessionTextures:
+    """A session's textures as renderers see them; a :class:`luxel.textures.textures.TextureSource`.
+
+    Parameters
+    ----------
+    session
+        Whose textures.
+    client
+        The name under which sightings of this renderer are noted.
+    """
+
+    def __init__(self, session: Session, client: str = "renderer") -> None:
+        self._session = session
+        self._client = client
+
+    @property
+    def key(self) -> str:
+        """The session's current light key."""
+        return self._session.key
+
+    def snapshot(self, key: str) -> TextureTable:
+        """Return a consistent table for one frame; empty where the session knows nothing of `key`."""
+        session = self._session
+        table = session._cache.snapshot(key)
+        if table is not None:
+            return table
+        nothing = np.empty((0, session.spec.texels, session.spec.texels), dtype=np.uint8)
+        slot = np.full(len(session.particles), -1, dtype=np.int32)
+        return TextureTable(slot, nothing, decoding_table(session.scale, session.encoding))
+
+    def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
+        """Note which particles were seen, (K,) int32, and from where, (3,) file units."""
+        self._session.sighted(ids, eye, self._client)
+
+
+def _first_frame(series: Sequence[Particles]) -> int:
+    finder = getattr(series, "first_frame", None)
+    return 0 if finder is None else int(finder())

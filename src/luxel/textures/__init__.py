@@ -1,0 +1,1 @@
+"""Luminance textures: spec, mapping, encoding, bake."""

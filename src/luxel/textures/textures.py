@@ -1,0 +1,115 @@
+"""Luminance textures as stored: 8-bit codes, one square a particle, and the tables that renderers read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LuminanceTextures", "TextureSource", "TextureTable", "decode", "encode"]
+
+Encoding = Literal["linear", "sqrt"]
+
+
+def encode(luminance: NDArray[np.float32], scale: float, encoding: Encoding) -> NDArray[np.uint8]:
+    """Turn luminance into 8-bit codes; values above `scale` clip.
+
+    Linear codes are luminance / scale · 255; square-root codes spend more of the 255 steps on the dark.
+    """
+    unit = np.clip(luminance * np.float32(1.0 / scale), 0.0, 1.0)
+    if encoding == "sqrt":
+        unit = np.sqrt(unit)
+    return np.asarray(unit * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
+
+
+def decode(codes: NDArray[np.uint8], scale: float, encoding: Encoding) -> NDArray[np.float32]:
+    """Inverse of :func:`encode` up to rounding; float32 of the same shape."""
+    return decoding_table(scale, encoding)[codes]
+
+
+def decoding_table(scale: float, encoding: Encoding) -> NDArray[np.float32]:
+    """(256,) float32: the luminance of every code."""
+    unit = np.arange(256, dtype=np.float32) / np.float32(255.0)
+    return np.asarray((unit * unit if encoding == "sqrt" else unit) * np.float32(scale), dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class TextureTable:
+    """What a renderer's kernels read for one frame; immutable.
+
+    Parameters
+    ----------
+    slot
+        (N,) int32 for every particle of the scene: its row in `codes`, or -1 where there is no texture yet.
+    codes
+        (M, texels, texels) uint8, rows are latitude from +Z, columns azimuth from +X towards +Y.
+    decoding
+        (256,) float32: luminance of each code.
+    """
+
+    slot: NDArray[np.int32]
+    codes: NDArray[np.uint8]
+    decoding: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class LuminanceTextures:
+    """A bake: textures of some particles of one scene.
+
+    Parameters
+    ----------
+    ids
+        (M,) int32 particle ids, ascending order not required.
+    codes
+        (M, texels, texels) uint8.
+    scale, encoding
+        How codes become luminance, see :func:`decode`.
+    count
+        Number of particles in the scene.
+    key
+        The light key.
+    clipped_count
+        Texels whose luminance exceeded `scale`.
+    """
+
+    ids: NDArray[np.int32]
+    codes: NDArray[np.uint8]
+    scale: float
+    encoding: Encoding
+    count: int
+    key: str
+    clipped_count: int = 0
+
+    @property
+    def luminance(self) -> NDArray[np.float32]:
+        """(M, texels, texels) float32 decoded luminance."""
+        return decode(self.codes, self.scale, self.encoding)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes stored for texels: one each."""
+        return self.codes.nbytes
+
+    def snapshot(self, key: str) -> TextureTable:
+        """Return the table for renderers; empty when `key` is not this bake's light key."""
+        slot = np.full(self.count, -1, dtype=np.int32)
+        if key == self.key:
+            slot[self.ids] = np.arange(len(self.ids), dtype=np.int32)
+        return TextureTable(slot, self.codes, decoding_table(self.scale, self.encoding))
+
+    def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
+        """Textures of a bake are all there: nothing to request."""
+
+
+class TextureSource(Protocol):
+    """Where a renderer gets textures from: a finished bake, or the dynamic cache."""
+
+    def snapshot(self, key: str) -> TextureTable:
+        """Return a consistent, immutable table for one frame."""
+        ...
+
+    def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
+        """Tell the source once a frame which particles were seen, (K,) int32, and from where, (3,) file units."""
+        ...

@@ -1,0 +1,1 @@
+"""Rays to hits: sphere tree and plain reference."""
