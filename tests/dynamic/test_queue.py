@@ -52,7 +52,9 @@ class QueueMachine(RuleBasedStateMachine):
         excess = set(gone.tolist()) & set(merged)
         assert len(excess) == max(0, len(merged) - MAX_COUNT)
         kept = set(merged) - excess
-        assert max((merged[each] for each in excess), default=-np.inf) <= min((merged[each] for each in kept), default=np.inf)
+        assert max((merged[each] for each in excess), default=-np.inf) <= min(
+            (merged[each] for each in kept), default=np.inf
+        )
         assert set(gone.tolist()) == before - kept
         self.remove(key, excess)
 
@@ -85,7 +87,9 @@ class QueueMachine(RuleBasedStateMachine):
             expected[key] = before - set(self.merged(key))
         gone = self.queue.forget(client)
         found = {key: set(ids.tolist()) for key, ids in gone}
-        assert {key: ids for key, ids in found.items() if ids} == {key: ids for key, ids in expected.items() if ids}
+        assert {key: ids for key, ids in found.items() if ids} == {
+            key: ids for key, ids in expected.items() if ids
+        }
 
     @invariant()
     def counts_agree(self):
@@ -100,7 +104,9 @@ class QueueMachine(RuleBasedStateMachine):
             self.model[key] = {}
 
 
-QueueMachine.TestCase.settings = settings(max_examples=150, stateful_step_count=25, deadline=None, derandomize=True)
+QueueMachine.TestCase.settings = settings(
+    max_examples=200, stateful_step_count=25, deadline=None, derandomize=True
+)
 TestQueueMachine = QueueMachine.TestCase
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-_QUIET_S = 5.0  # runs shorter than this show no progress where stderr is a file
+_QUIET_S = 15.0  # between reports where stderr is a file
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -91,18 +91,18 @@ def _parser() -> argparse.ArgumentParser:
         help="light from luminance textures, or traced anew for every pixel (default: texture)",
     )
     render.add_argument("--json", action="store_true", help="print what was drawn as JSON")
-    add_scene_options(render, samples=49)
+    add_scene_options(render, samples=" (default: 9), or a pixel with --light pixel (default: 64)")
 
     view = _command(commands, "view", _view, "look at particles in the browser")
     add_file_options(view)
     _add_server_options(view)
-    add_scene_options(view, samples=16)
+    add_scene_options(view, samples=" (default: 16)")
 
     demo = _command(commands, "demo", _demo, "look at the data set that comes with luxel")
     _add_picture_options(demo, "--render")
     _add_server_options(demo)
     demo.set_defaults(light="texture", json=False)
-    add_scene_options(demo, samples=16)
+    add_scene_options(demo, samples=" (default: 16, for --render 9)")
     return parser
 
 
@@ -131,7 +131,11 @@ def _add_picture_options(parser: argparse.ArgumentParser, *flags: str, required:
         help="of the picture in pixels (default: 1280x720)",
     )
     parser.add_argument(
-        "--antialias", type=positive_int, default=4, metavar="N", help="rays a pixel (default: 4)"
+        "--antialias",
+        type=positive_int,
+        default=3,
+        metavar="N",
+        help="rays along each side of a pixel (default: 3)",
     )
     parser.add_argument(
         "--no-colorbar", dest="colorbar", action="store_false", help="leave out the colour bar"
@@ -205,9 +209,10 @@ def _draw(options: argparse.Namespace, particles: Particles, view: View, origin:
     from luxel.textures.spec import TextureSpec
 
     started = time.perf_counter()
-    TextureSpec(
-        samples=options.samples, mode=options.mode, seed=options.seed
-    )  # refuses bad values before the work
+    if options.light == "texture":  # refuses bad values before the work
+        TextureSpec(
+            samples=9 if options.samples is None else options.samples, mode=options.mode, seed=options.seed
+        )
     scene = _scene(Scene, options, particles, view)
     view = aim(options, view, particles, options.size)
     if view.color_by is not None:
@@ -263,7 +268,8 @@ def _serve(
     from luxel.session import Session
     from luxel.textures.spec import TextureSpec
 
-    spec = TextureSpec(samples=options.samples, mode=options.mode, seed=options.seed)
+    samples = 16 if options.samples is None else options.samples
+    spec = TextureSpec(samples=samples, mode=options.mode, seed=options.seed)
     view = aim(options, view, particles, (16, 9))
     if view.color_by is not None:
         view.scalar_range(particles)
@@ -286,7 +292,6 @@ def _serve(
             port=options.port,
             open_browser=options.browser,
             block=True,
-            threads=options.threads,
             announce=lambda url: print(url, flush=True),
         )
 

@@ -83,7 +83,7 @@ def add_file_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_scene_options(parser: argparse.ArgumentParser, *, samples: int) -> None:
+def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
     """Add what says how particles are lit and looked at; None means "not given"."""
     light = parser.add_argument_group("light")
     light.add_argument(
@@ -92,9 +92,8 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: int) -> None:
     light.add_argument(
         "--samples",
         type=positive_int,
-        default=samples,
         metavar="N",
-        help=f"samples a texel, or a pixel with --light pixel; a square number (default: {samples})",
+        help=f"light samples a texel, a square number{samples}",
     )
     light.add_argument(
         "--mode",
@@ -157,7 +156,6 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: int) -> None:
         "--elevation", type=_number, metavar="DEG", help="camera's height above the horizon (default: 25)"
     )
     look.add_argument("--orthographic", action="store_true", help="parallel projection")
-    parser.set_defaults(usual_samples=samples)
 
 
 def picture_size(text: str) -> tuple[int, int]:

@@ -7,7 +7,7 @@ import logging
 import math
 import threading
 import time
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.dynamic.cache import TextureCache
+from luxel.dynamic.pace import Pace
 from luxel.dynamic.queue import RequestQueue, priority
 from luxel.errors import SessionClosedError
 from luxel.textures.textures import Encoding
@@ -26,12 +27,8 @@ log = logging.getLogger(__name__)
 
 Ids = NDArray[np.int32]
 
-_BATCH_S = 0.03  # short enough to notice a new priority soon, long enough to hide what a batch costs besides
-_FIRST_BATCH = 16
-_LARGEST_BATCH = 512
 _MAX_ATTEMPTS = 3
 _BAKERS_KEPT = 3  # an undone slider finds its tree and filter again
-_RATE_WINDOW_S = 3.0
 _CLOSE_TIMEOUT_S = 5.0
 
 
@@ -131,8 +128,7 @@ class Engine:
         self._building: set[str] = set()
         self._attempts: dict[tuple[str, int], int] = {}  # failures of a particle, or of a baker under id -1
         self._busy = 0
-        self._batch = _FIRST_BATCH
-        self._finished: deque[tuple[float, int]] = deque()
+        self._pace = Pace()
         self._error: str | None = None
         self._clipped_count = 0
         self._over_budget: dict[str, int] = {}
@@ -249,7 +245,9 @@ class Engine:
             self.run_for(math.inf if timeout_s is None else timeout_s)
         with self._lock:
             self._check_open()
-            return self._idle.wait_for(lambda: self._closed or self._at_rest(), timeout_s)
+            rested = self._idle.wait_for(lambda: self._closed or self._at_rest(), timeout_s)
+            self._check_open()
+            return rested
 
     @property
     def error(self) -> str | None:
@@ -273,10 +271,7 @@ class Engine:
     def textures_per_s(self) -> float:
         """Textures finished a second, over the last few seconds."""
         with self._lock:
-            now_s = self._clock()
-            while self._finished and self._finished[0][0] <= now_s - _RATE_WINDOW_S:
-                self._finished.popleft()
-            return sum(count for _, count in self._finished) / _RATE_WINDOW_S
+            return self._pace.textures_per_s(self._clock())
 
     def close(self) -> None:
         """Stop after the batches in progress and join the threads. Later use raises; closing twice does not."""
@@ -350,8 +345,7 @@ class Engine:
         self.cache.publish(job.key, job.ids, codes)
         with self._lock:
             self._clipped_count += clipped
-            self._finished.append((end_s, len(job.ids)))
-            self._adapt((end_s - start_s) / len(job.ids))
+            self._pace.record(start_s, end_s, len(job.ids))
             stale, listeners = job.key != self._key, self._listeners
         batch = TileBatch(job.key, job.ids, codes, stale)
         for listener in listeners:
@@ -391,14 +385,9 @@ class Engine:
         share = math.ceil(
             len(self._queue) / max(1, self.thread_count)
         )  # the last requests are spread over all threads
-        _, ids = self._queue.pop(min(self._batch, share), key)
+        _, ids = self._queue.pop(min(self._pace.batch_count, share), key)
         self.cache.mark_baking(key, ids)
         return _Job(key, baker, self._make, ids)
-
-    def _adapt(self, texture_s: float) -> None:
-        """Move the batch size towards batches of `_BATCH_S`, at most by a factor of two: a first call may compile."""
-        aim = _BATCH_S / texture_s if texture_s > 0 else math.inf
-        self._batch = int(min(max(aim, self._batch / 2, 1), self._batch * 2, _LARGEST_BATCH))
 
     def _record_failure(self, key: str, particle: int, error: Exception) -> int:
         if key == self._key:

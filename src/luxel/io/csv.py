@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -160,7 +161,12 @@ def _find_header(data: bytes, path: Path) -> _Header:
 
 
 def _split(text: str) -> tuple[list[str], str | None]:
-    delimiter = next((mark for mark in ",;\t" if mark in text), None)
-    fields = text.split(delimiter)
+    """Split a header line; marks within quotes belong to a name."""
+    bare = re.sub(r'"[^"]*"', "", text)
+    delimiter = next((mark for mark in ",;\t" if mark in bare), None)
+    if '"' in text:
+        fields = next(csv.reader([text], delimiter=delimiter or " ", skipinitialspace=True), [])
+    else:
+        fields = text.split(delimiter)
     names = [field.strip().strip("\"'").strip() for field in fields]
     return [name or f"column{k}" for k, name in enumerate(names, 1)], delimiter

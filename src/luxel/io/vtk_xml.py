@@ -37,6 +37,8 @@ _DTYPES = {
 }
 _DTYPES |= {"Float32": "f4", "Float64": "f8"}
 
+_MOST_FIELD_BYTES = 1 << 20
+
 
 @dataclass(frozen=True)
 class VtkXmlReader:
@@ -233,7 +235,9 @@ class _Decoder:
         )
 
     def _agree(self, length: int, need: int | None) -> None:
-        if length > (1 << 20 if need is None else need) or (need is not None and length != need):
+        if need is None and length > _MOST_FIELD_BYTES:
+            raise ValueError(f"{length} bytes in a field that should hold one number")
+        if need is not None and length != need:
             raise ValueError(f"{length} bytes where {need} are expected")
 
     def _exact(self, data: bytes, size: int) -> bytes:

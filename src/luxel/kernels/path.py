@@ -18,7 +18,9 @@ __all__ = ["AO", "INTERREFLECTION", "LAMBERTIAN", "SHADOWS", "World", "buried", 
 LAMBERTIAN, SHADOWS, AO, INTERREFLECTION = 0, 1, 2, 3
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
-# A path survives a bounce with the probability of its weight, at most this: a white hollow cannot hold it for ever.
+# A path survives a bounce with the probability of its weight; after so many bounces with at most this, so that a
+# closed white hollow cannot hold it for ever.
+_PATIENCE = 16
 _SURVIVAL = np.float32(0.95)
 
 
@@ -91,7 +93,7 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
             return total
         bounces += 1
         weight *= world.albedo
-        survival = min(weight, _SURVIVAL)
+        survival = min(weight, _ONE if bounces <= _PATIENCE else _SURVIVAL)
         state = next_state(state)
         u, v = uniform(state)
         if u >= survival:

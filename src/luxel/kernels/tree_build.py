@@ -6,12 +6,14 @@ The SAH counts a leaf's cost in SIMD blocks, since sixteen spheres cost as much 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.simd import LANES
 
-__all__ = ["OPEN", "LEAF", "build_subtree", "collapse", "count_leaves", "fill_leaves"]
+__all__ = ["LEAF", "OPEN", "build_subtree", "collapse", "count_leaves", "fill_leaves"]
 
 LEAF = -1
 OPEN = -2  # a range left for another task
@@ -21,79 +23,109 @@ _MEDIAN_DEPTH = 64
 _BIG = np.float32(3e38)
 
 
+class _Work(NamedTuple):
+    bins: np.ndarray
+    counts: np.ndarray
+    right_cost: np.ndarray
+
+
 @kernel
-def _split(centers, radii, order, first, last, depth, box, bins, counts, right_cost):
-    """Write the bounds of a range to `box` and partition it; return where the right part starts, or -1 for a leaf."""
-    lx = ly = lz = cx0 = cy0 = cz0 = _BIG
-    hx = hy = hz = cx1 = cy1 = cz1 = -_BIG
+def _bound(centers, radii, order, first, last, box, inner):
+    """Write the bounds of the spheres of a range to `box` and those of their centres to `inner` (6,)."""
+    for a in range(3):
+        box[a] = inner[a] = _BIG
+        box[3 + a] = inner[3 + a] = -_BIG
     for k in range(first, last):
         i = order[k]
-        x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radii[i]
-        cx0, cy0, cz0 = min(cx0, x), min(cy0, y), min(cz0, z)
-        cx1, cy1, cz1 = max(cx1, x), max(cy1, y), max(cz1, z)
-        lx, ly, lz = min(lx, x - r), min(ly, y - r), min(lz, z - r)
-        hx, hy, hz = max(hx, x + r), max(hy, y + r), max(hz, z + r)
-    box[0], box[1], box[2], box[3], box[4], box[5] = lx, ly, lz, hx, hy, hz
-    count = last - first
-    if count <= LANES:
-        return -1
-    axis, width, start = 0, cx1 - cx0, cx0
-    if cy1 - cy0 > width:
-        axis, width, start = 1, cy1 - cy0, cy0
-    if cz1 - cz0 > width:
-        axis, width, start = 2, cz1 - cz0, cz0
-    middle = (first + last) // 2
-    scale = np.float32(BINS) * np.float32(0.9999) / width if width > 0 else np.float32(0)
-    if not (width > 0 and scale < _BIG) or depth > _MEDIAN_DEPTH:
-        return middle
+        r = radii[i]
+        for a in range(3):
+            v = centers[i, a]
+            inner[a], inner[3 + a] = min(inner[a], v), max(inner[3 + a], v)
+            box[a], box[3 + a] = min(box[a], v - r), max(box[3 + a], v + r)
 
+
+@kernel(inline=True)
+def _half_area(box):
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    return x * y + y * z + z * x
+
+
+@kernel(inline=True)
+def _grow(box, other):
+    for a in range(3):
+        box[a], box[3 + a] = min(box[a], other[a]), max(box[3 + a], other[3 + a])
+
+
+@kernel(inline=True)
+def _clear(box):
+    for a in range(3):
+        box[a], box[3 + a] = _BIG, -_BIG
+
+
+@kernel(inline=True)
+def _bin(v, start, scale):
+    return min(BINS - 1, max(0, int((v - start) * scale)))
+
+
+@kernel
+def _cut(centers, radii, order, first, last, bounds, work, left_box, right_box):
+    """Partition a range at the cheapest of fifteen planes across `bounds`; return where the right part starts, or -1.
+
+    The children's boxes fall out of the bins, which saves a pass over the spheres at every level.
+    """
+    bins, counts, right_cost = work.bins, work.counts, work.right_cost
+    axis = 0
+    for a in range(1, 3):
+        if bounds[3 + a] - bounds[a] > bounds[3 + axis] - bounds[axis]:
+            axis = a
+    start = bounds[axis]
+    width = bounds[3 + axis] - start
+    if not width > 0:
+        return -1
+    scale = np.float32(BINS) / width
+    if not scale < _BIG:
+        return -1
     for b in range(BINS):
         counts[b] = 0
-        for a in range(3):
-            bins[b, a] = _BIG
-            bins[b, 3 + a] = -_BIG
+        _clear(bins[b])
     for k in range(first, last):
         i = order[k]
-        b = int((centers[i, axis] - start) * scale)
+        b = _bin(centers[i, axis], start, scale)
         r = radii[i]
         counts[b] += 1
         for a in range(3):
             v = centers[i, a]
             bins[b, a] = min(bins[b, a], v - r)
             bins[b, 3 + a] = max(bins[b, 3 + a], v + r)
-
-    lx = ly = lz = _BIG
-    hx = hy = hz = -_BIG
+    count = last - first
     total = 0
+    _clear(right_box)
     for b in range(BINS - 1, 0, -1):
-        lx, ly, lz = min(lx, bins[b, 0]), min(ly, bins[b, 1]), min(lz, bins[b, 2])
-        hx, hy, hz = max(hx, bins[b, 3]), max(hy, bins[b, 4]), max(hz, bins[b, 5])
+        _grow(right_box, bins[b])
         total += counts[b]
-        ex, ey, ez = hx - lx, hy - ly, hz - lz
-        blocks = np.float32((total + LANES - 1) // LANES)
-        right_cost[b] = (ex * ey + ey * ez + ez * ex) * blocks if total > 0 else np.float32(0)
-    lx = ly = lz = _BIG
-    hx = hy = hz = -_BIG
+        right_cost[b] = _half_area(right_box) * np.float32((total + LANES - 1) // LANES) if total > 0 else np.float32(0)
     total = 0
+    _clear(left_box)
     best, cut = _BIG, -1
     for b in range(BINS - 1):
-        lx, ly, lz = min(lx, bins[b, 0]), min(ly, bins[b, 1]), min(lz, bins[b, 2])
-        hx, hy, hz = max(hx, bins[b, 3]), max(hy, bins[b, 4]), max(hz, bins[b, 5])
+        _grow(left_box, bins[b])
         total += counts[b]
         if total == 0 or total == count:
             continue
-        ex, ey, ez = hx - lx, hy - ly, hz - lz
-        cost = (ex * ey + ey * ez + ez * ex) * np.float32((total + LANES - 1) // LANES) + right_cost[b + 1]
+        cost = _half_area(left_box) * np.float32((total + LANES - 1) // LANES) + right_cost[b + 1]
         if cost < best:
             best, cut = cost, b
     if cut < 0:
-        return middle
-
+        return -1
+    _clear(left_box)
+    _clear(right_box)
+    for b in range(BINS):
+        _grow(left_box if b <= cut else right_box, bins[b])
     low, high = first, last - 1
     while True:
-        while low <= high and int((centers[order[low], axis] - start) * scale) <= cut:
+        while low <= high and _bin(centers[order[low], axis], start, scale) <= cut:
             low += 1
-        while low <= high and int((centers[order[high], axis] - start) * scale) > cut:
+        while low <= high and _bin(centers[order[high], axis], start, scale) > cut:
             high -= 1
         if low >= high:
             break
@@ -107,28 +139,38 @@ def _split(centers, radii, order, first, last, depth, box, bins, counts, right_c
 def build_subtree(centers, radii, order, first, last, root, start_depth, task_size, boxes, left, right, begin, end, depth):
     """Build the binary tree of [first, last) at slot `root`; ranges of at most `task_size` stay OPEN (0: none).
 
-    Returns the number of slots used.
+    A depth of 0 means that the root's box is not known yet. Returns the number of slots used.
     """
-    bins = np.empty((BINS, 6), np.float32)
-    counts = np.empty(BINS, np.int32)
-    right_cost = np.empty(BINS, np.float32)
+    work = _Work(np.empty((BINS, 6), np.float32), np.empty(BINS, np.int32), np.empty(BINS, np.float32))
+    inner = np.empty(6, np.float32)
     stack = np.empty(_MEDIAN_DEPTH + 70, np.int64)
     begin[root], end[root], depth[root] = first, last, start_depth
+    if start_depth == 0:
+        _bound(centers, radii, order, first, last, boxes[root], inner)
     stack[0] = root
     height, used = 1, 1
     while height > 0:
         height -= 1
         node = stack[height]
         s, e = begin[node], end[node]
+        if e - s <= LANES:
+            left[node] = LEAF
+            continue
         if task_size > 0 and e - s <= task_size:
             left[node] = OPEN
             continue
-        middle = _split(centers, radii, order, s, e, depth[node], boxes[node], bins, counts, right_cost)
-        if middle < 0:
-            left[node] = LEAF
-            continue
         a, b = root + used, root + used + 1
         used += 2
+        middle = -1
+        if depth[node] < _MEDIAN_DEPTH:
+            middle = _cut(centers, radii, order, s, e, boxes[node], work, boxes[a], boxes[b])
+            if middle < 0:  # one huge sphere can hide the spread of the centres: look at those alone
+                _bound(centers, radii, order, s, e, boxes[node], inner)
+                middle = _cut(centers, radii, order, s, e, inner, work, boxes[a], boxes[b])
+        if middle < 0:  # coincident, or crowded beyond reason
+            middle = (s + e) // 2
+            _bound(centers, radii, order, s, middle, boxes[a], inner)
+            _bound(centers, radii, order, middle, e, boxes[b], inner)
         left[node], right[node] = a, b
         begin[a], end[a], depth[a] = s, middle, depth[node] + 1
         begin[b], end[b], depth[b] = middle, e, depth[node] + 1

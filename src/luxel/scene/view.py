@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -157,15 +158,16 @@ class View:
         low, high = self.scalar_range(particles)
         if self.log:
             low, high = math.log(low), math.log(high)
-        # Halves, because the difference of two numbers near the largest would overflow.
-        width = 0.5 * high - 0.5 * low
+        # The difference of two numbers near the largest would overflow; that of their halves does not.
+        half = 0.5 if math.isinf(high - low) else 1.0
+        width = half * high - half * low
         for start in range(0, len(values), _BLOCK):
             block = values[start : start + _BLOCK].astype(np.float64)
             with np.errstate(divide="ignore", invalid="ignore"):
                 if self.log:
                     block = np.log(np.maximum(block, 0.0))
-                part = (0.5 * block - 0.5 * low) / width
-            found[start : start + _BLOCK] = np.clip(part, 0.0, 1.0)
+                part = (half * np.clip(block, low, high) - half * low) / width
+            found[start : start + _BLOCK] = part
         return found
 
     def lut(self) -> NDArray[np.uint8]:
@@ -212,9 +214,7 @@ class View:
         """
         values = _known_fields(data, cls, "a view")
         if values.get("camera") is not None:
-            values["camera"] = Camera(
-                **_known_fields(values["camera"], Camera, "a view's camera", ("eye", "target"))
-            )
+            values["camera"] = _camera(values["camera"])
         return cls(**values)
 
 
@@ -236,9 +236,9 @@ def _apart(low: float, high: float, log: bool) -> tuple[float, float]:
     if low < high:
         return low, high
     if log:
-        return low / math.sqrt(10), high * math.sqrt(10)
+        return max(low / math.sqrt(10), math.ulp(0.0)), min(high * math.sqrt(10), sys.float_info.max)
     half = 0.5 * abs(low) or 0.5
-    return low - half, high + half
+    return max(low - half, -sys.float_info.max), min(high + half, sys.float_info.max)
 
 
 def _number(value: object) -> float:

@@ -130,18 +130,19 @@ def _build(centers: NDArray[np.float32], radii: NDArray[np.float32], threads: in
     left, right, begin, end, depth = (np.empty(slots, np.int32) for _ in range(5))
     links = (boxes, left, right, begin, end, depth)
     # The cut into tasks depends on the data alone, so the tree is the same for any number of threads.
-    task_size = max(count // 32, 4 * LANES)
+    task_size = max(count // 12, 4 * LANES)
     used = tree_build.build_subtree(centers, radii, order, 0, count, top, 0, task_size, *links)
     tasks = top + np.flatnonzero(left[top : top + used] == tree_build.OPEN)
     leaves = np.empty(slots, np.int32)
 
     def grow(node: int) -> None:
         root = 2 * int(begin[node])
+        boxes[root] = boxes[node]
         size = tree_build.build_subtree(
             centers, radii, order, int(begin[node]), int(end[node]), root, int(depth[node]), 0, *links
         )
         tree_build.count_leaves(left, right, root, root + size, leaves)
-        for array in (boxes, left, right, leaves):
+        for array in (left, right, leaves):
             array[node] = array[root]
 
     run_parts(grow, sorted((int(t) for t in tasks), key=lambda t: int(begin[t] - end[t])), threads)

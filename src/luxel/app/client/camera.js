@@ -92,9 +92,9 @@ export function orbit(camera, turn, raise) {
   const distance = length(offset);
   const elevation = Math.asin(Math.max(-1, Math.min(1, dot(offset, axis) / distance)));
   const wanted = Math.max(-ELEVATION_MAX, Math.min(ELEVATION_MAX, elevation + raise));
-  const outward = cross(right, axis); // horizontal, away from the viewer
-  const turned = rotate(outward, axis, turn);
-  const towards = add(scale(turned, -Math.cos(wanted)), scale(axis, Math.sin(wanted)));
+  const towardsViewer = cross(right, axis); // horizontal
+  const turned = rotate(towardsViewer, axis, turn);
+  const towards = add(scale(turned, Math.cos(wanted)), scale(axis, Math.sin(wanted)));
   return { ...camera, eye: add(camera.target, scale(towards, distance)) };
 }
 

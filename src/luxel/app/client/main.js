@@ -1,0 +1,538 @@
+// The page: wires connection, data, picture and controls together.
+
+import * as cameras from "./camera.js";
+import { drawColorbar, isCategorical, label, normalised } from "./colors.js";
+import { Controls } from "./controls.js";
+import { Film } from "./film.js";
+import { Panel, element, grading, rgb } from "./panel.js";
+import { KIND, encode } from "./protocol.js";
+import { PARTICLES_WIDTH, Renderer } from "./renderer.js";
+import { Sight } from "./sight.js";
+import { Connection } from "./socket.js";
+import { TileStore } from "./tiles.js";
+
+/** @typedef {import("./camera.js").Camera} Camera */
+/** @typedef {import("./camera.js").Vec} Vec */
+/** @typedef {import("./colors.js").Scalar} Scalar */
+
+const ATLAS_BYTES = 64 << 20;
+const PIXELS_MAX = 4_000_000;
+const ASK_MS = 200;
+
+class App {
+  constructor() {
+    this.stage = element("stage");
+    /** @type {HTMLCanvasElement} */
+    this.canvas = element("view");
+    /** @type {any} */
+    this.scene = null;
+    /** @type {any} */
+    this.light = null;
+    /** @type {any} */
+    this.status = null;
+    /** @type {Camera | null} */
+    this.camera = null;
+    this.sphereData = new Float32Array(0);
+    /** @type {Map<string, Scalar>} */
+    this.scalars = new Map();
+    /** @type {Map<string, Uint8Array>} */
+    this.luts = new Map();
+    this.asked = new Set();
+    this.tiles = new TileStore(0, 16, 0, PARTICLES_WIDTH);
+    this.sight = new Sight(0);
+    this.askTimer = 0;
+    this.batches = 0;
+    this.tilesReceived = 0;
+    this.coloring = "";
+    this.scheduled = false;
+    this.statusAt = 0;
+    this.framesSeen = 0;
+    this.fps = 0;
+    /** @type {Map<string, string>} what the banner says, by cause */
+    this.troubles = new Map();
+    this.panel = new Panel({
+      color: () => this.colorChanged(),
+      tone: () => this.toneChanged(),
+      light: (change) => this.sendLight(change),
+      frame: (frame) => this.connection.send(encode(KIND.setFrame, { frame })),
+      fit: () => this.fit(),
+      axis: (axis, negative) => this.axisView(axis, negative),
+      projection: () => this.changeCamera(cameras.toggleProjection),
+      save: () => this.save(),
+      layout: () => this.resize(),
+    });
+    this.renderer = this.makeRenderer();
+    this.film = this.makeFilm();
+    this.connection = new Connection(
+      (message) => this.receive(message),
+      () => {
+        this.batches = 0;
+        this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
+      },
+      (text) => this.trouble("connection", text),
+    );
+    new Controls(this.canvas, {
+      get: () => this.camera,
+      set: (camera) => this.setCamera(camera),
+      frame: () => this.fit(),
+      axis: (axis, negative) => this.axisView(axis, negative),
+      click: (x, y) => this.pick(x, y),
+    });
+    this.canvas.addEventListener("webglcontextlost", (event) => {
+      event.preventDefault(); // or it would never come back
+      this.trouble("graphics", "The graphics context was lost — waiting for the browser to restore it …");
+      this.report("graphics context lost");
+    });
+    this.canvas.addEventListener("webglcontextrestored", () => this.restore());
+    new ResizeObserver(() => this.resize()).observe(this.stage);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.drawBar());
+    this.resize();
+  }
+
+  makeRenderer() {
+    return new Renderer(this.canvas);
+  }
+
+  makeFilm() {
+    return new Film(this.renderer, (data, stride, epoch) => {
+      this.sight.collect(data, stride, epoch);
+      this.ask();
+    });
+  }
+
+  // Messages ---------------------------------------------------------------------------------------------------------
+
+  /** @param {import("./protocol.js").Message} message */
+  receive({ kind, head, arrays }) {
+    switch (kind) {
+      case KIND.scene: return this.takeScene(head);
+      case KIND.light: return this.takeLight(head, arrays);
+      case KIND.geometry: return this.takeGeometry(head, arrays);
+      case KIND.scalar: return this.takeScalar(head, arrays);
+      case KIND.colormap:
+        this.luts.set(head.name, arrays.lut);
+        return this.colorChanged();
+      case KIND.tiles: return this.takeTiles(head, arrays);
+      case KIND.status:
+        this.status = head;
+        this.trouble("light", head.error ? `Light: ${head.error}` : null);
+        return this.showStatus();
+      case KIND.error: return this.trouble("server", head.text, true);
+    }
+  }
+
+  /** @param {any} head */
+  takeScene(head) {
+    const again = this.scene !== null && this.scene.title === head.title;
+    this.scene = head;
+    this.sphereData = new Float32Array(4 * head.count);
+    this.scalars.clear();
+    this.asked.clear();
+    this.coloring = "";
+    const reach = Math.hypot(...head.bounds[0].map((/** @type {number} */ low, /** @type {number} */ k) => Math.max(-low, head.bounds[1][k])));
+    this.guard(() => this.renderer.setScene(head.count, reach));
+    this.tiles = new TileStore(head.count, head.texels, ATLAS_BYTES, PARTICLES_WIDTH);
+    this.guard(() => this.renderer.setAtlas(this.tiles));
+    this.renderer.look.texels = head.texels;
+    this.sight = new Sight(head.count);
+    this.panel.setScene(head, again);
+    this.trouble("notice", head.notice || null);
+    if (!again || this.camera === null) {
+      this.setCamera(head.view.camera ?? this.framed(this.firstDirection(), false));
+    }
+    this.film.restart();
+    this.colorChanged();
+    this.toneChanged();
+  }
+
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takeLight(head, arrays) {
+    this.light = { ...head, ...arrays };
+    this.renderer.light = this.light;
+    this.renderer.look.useTiles = head.model !== "lambertian";
+    this.renderer.look.white = head.white;
+    this.tiles.setLight(head.key, arrays.decoding);
+    this.panel.setLight(head);
+    this.sight.askAgain();
+    this.film.lightChanged();
+    this.toneChanged();
+    this.ask();
+  }
+
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takeGeometry(head, arrays) {
+    if (head.epoch !== this.scene?.epoch) return;
+    const { positions, radii } = arrays;
+    const part = this.sphereData.subarray(4 * head.start, 4 * (head.start + radii.length));
+    for (let k = 0; k < radii.length; k++) {
+      part[4 * k] = positions[3 * k];
+      part[4 * k + 1] = positions[3 * k + 1];
+      part[4 * k + 2] = positions[3 * k + 2];
+      part[4 * k + 3] = radii[k];
+    }
+    this.renderer.setSpheres(head.start, part);
+    this.film.restart();
+    this.schedule();
+  }
+
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takeScalar(head, arrays) {
+    if (head.epoch !== this.scene?.epoch) return;
+    const { labels } = this.scene.scalars.find((/** @type {any} */ each) => each.name === head.name) ?? { labels: null };
+    this.scalars.set(head.name, { values: arrays.values, range: head.range, logRange: head.log_range, whole: head.whole, labels });
+    this.colorChanged();
+  }
+
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takeTiles(head, arrays) {
+    this.connection.send(encode(KIND.confirm, { batches: ++this.batches }));
+    this.tilesReceived += arrays.ids.length;
+    if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => this.sight.isVisible(id))) {
+      this.film.lightChanged();
+      this.schedule();
+    }
+    this.trouble("notice", null); // whatever there was to wait for is over
+  }
+
+  /** @param {{model?: string, sky?: number, sun?: number[]}} change */
+  sendLight(change) {
+    this.connection.send(encode(KIND.setLight, change));
+  }
+
+  /** Tell the server what is visible and has no light yet. */
+  ask() {
+    if (this.light === null || this.light.model === "lambertian" || this.camera === null) return;
+    clearTimeout(this.askTimer);
+    const ids = this.sight.request(this.tiles, performance.now());
+    if (this.sight.waiting) this.askTimer = setTimeout(() => this.ask(), ASK_MS);
+    if (ids !== null && ids.length) {
+      this.connection.send(encode(KIND.sighted, { key: this.light.key, eye: this.camera.eye }, { ids: ids.slice() }));
+    }
+  }
+
+  /** @param {string} text */
+  report(text) {
+    this.connection?.send(encode(KIND.report, { text: text.slice(0, 3900) }));
+  }
+
+  // Colours ----------------------------------------------------------------------------------------------------------
+
+  colorChanged() {
+    const s = this.panel.settings;
+    const { look } = this.renderer;
+    look.color = rgb(s.color);
+    look.noData = rgb(s.noData);
+    const scalar = s.colorBy === null ? null : this.scalars.get(s.colorBy);
+    const lut = this.luts.get(s.colormap);
+    if (s.colorBy !== null && scalar === undefined) this.askFor(KIND.scalarRequest, s.colorBy);
+    if (s.colorBy !== null && lut === undefined) this.askFor(KIND.colormapRequest, s.colormap);
+    if (s.colorBy === null) {
+      look.uniform = true;
+    } else if (scalar && lut) {
+      const wanted = JSON.stringify([this.scene.epoch, s.colorBy, s.colormap, s.range, s.log]);
+      if (wanted !== this.coloring) {
+        this.renderer.setValues(normalised(scalar, lut.length / 3, s.range, s.log));
+        this.renderer.setLut(lut);
+        this.coloring = wanted;
+      }
+      look.uniform = false;
+      this.panel.setShownRange(s.log ? scalar.logRange : scalar.range);
+    }
+    this.drawBar();
+    this.film.lightChanged();
+    this.schedule();
+  }
+
+  /** @param {number} kind @param {string} name */
+  askFor(kind, name) {
+    const key = `${kind} ${name}`;
+    if (this.asked.has(key)) return;
+    this.asked.add(key);
+    this.connection.send(encode(kind, { name }));
+  }
+
+  drawBar() {
+    const s = this.panel.settings;
+    const scalar = s.colorBy === null ? undefined : this.scalars.get(s.colorBy);
+    const lut = this.luts.get(s.colormap);
+    if (s.colorBy === null || !scalar || !lut) return;
+    const rows = lut.length / 3;
+    const codes = isCategorical(scalar, rows, s.range, s.log);
+    const labels = codes ? scalar.labels ?? Array.from({ length: Math.min(rows, 1 + Math.max(0, scalar.range[1])) }, (_, k) => String(k)) : null;
+    drawColorbar(element("bar"), {
+      lut, log: s.log, title: s.colorBy, labels,
+      range: s.range ?? (s.log ? scalar.logRange : scalar.range),
+      noData: scalar.values.some(Number.isNaN) ? s.noData : null,
+    });
+  }
+
+  toneChanged() {
+    const s = this.panel.settings;
+    Object.assign(this.renderer.look, { exposure: s.exposure }, grading(s.background));
+    this.drawBar();
+    this.film.toneChanged();
+    this.schedule();
+  }
+
+  // Camera -----------------------------------------------------------------------------------------------------------
+
+  get aspect() {
+    return this.canvas.width / this.canvas.height;
+  }
+
+  /** @returns {Vec} from the target to the eye: that of Camera.framing */
+  firstDirection() {
+    return cameras.direction(cameras.upFrame(this.scene.view.up), -Math.PI / 3, (25 * Math.PI) / 180);
+  }
+
+  /** @param {Vec} towards @param {boolean} orthographic @returns {Camera} */
+  framed(towards, orthographic) {
+    const up = this.camera?.up ?? cameras.upFrame(this.scene.view.up)[2];
+    return cameras.framing(this.scene.bounds, towards, { up, fov: this.camera?.fov ?? 30, aspect: this.aspect, orthographic });
+  }
+
+  fit() {
+    if (this.camera === null) return;
+    const towards = cameras.unit(cameras.sub(this.camera.eye, this.camera.target));
+    this.setCamera(this.framed(towards, this.camera.height !== null));
+  }
+
+  /** @param {string} axis @param {boolean} negative */
+  axisView(axis, negative) {
+    if (this.camera === null) return;
+    const k = "xyz".indexOf(axis);
+    const sign = negative ? -1 : 1;
+    const frame = cameras.upFrame(this.scene.view.up);
+    /** @type {Vec} */
+    let towards = [0, 0, 0];
+    towards[k] = sign;
+    const up = frame[2];
+    if (Math.abs(cameras.dot(towards, up)) > 0.5) {
+      // From straight above there is no up; a hair's breadth off, the map's usual way round comes out.
+      towards = cameras.direction(frame, -Math.PI / 2, sign * (89.99 * Math.PI) / 180);
+    }
+    this.camera = { ...this.camera, up };
+    this.setCamera(this.framed(towards, this.camera.height !== null));
+  }
+
+  /** @param {(camera: Camera) => Camera} change */
+  changeCamera(change) {
+    if (this.camera !== null) this.setCamera(change(this.camera));
+  }
+
+  /** @param {Camera} camera */
+  setCamera(camera) {
+    this.camera = camera;
+    element("orthographic").checked = camera.height !== null;
+    this.film.setCamera(camera);
+    this.schedule();
+  }
+
+  // Drawing ----------------------------------------------------------------------------------------------------------
+
+  resize() {
+    const ratio = Math.min(window.devicePixelRatio || 1, Math.sqrt(PIXELS_MAX / Math.max(1, this.stage.clientWidth * this.stage.clientHeight)));
+    const width = Math.max(1, Math.round(this.stage.clientWidth * ratio));
+    const height = Math.max(1, Math.round(this.stage.clientHeight * ratio));
+    if (width !== this.canvas.width || height !== this.canvas.height || this.renderer.targets === null) {
+      this.canvas.width = width;
+      this.canvas.height = height;
+      this.guard(() => this.renderer.resize());
+      this.film.restart();
+    }
+    this.drawBar();
+    this.schedule();
+  }
+
+  schedule() {
+    if (this.scheduled) return;
+    this.scheduled = true;
+    requestAnimationFrame(() => {
+      this.scheduled = false;
+      this.guard(() => this.step());
+    });
+  }
+
+  step() {
+    if (this.renderer.gl.isContextLost()) return;
+    this.renderer.uploadTiles(this.tiles);
+    const more = this.film.step();
+    const now = performance.now();
+    if (now - this.statusAt > 500) this.showStatus();
+    if (more) this.schedule();
+  }
+
+  /** Run what may fail for lack of graphics, and say so. @param {() => void} action */
+  guard(action) {
+    try {
+      action();
+    } catch (error) {
+      const text = error instanceof Error ? error.message : String(error);
+      this.trouble("graphics", text);
+      this.report(text);
+      throw error;
+    }
+  }
+
+  /** After a lost context everything on the graphics processor is gone; memory has it all. */
+  restore() {
+    this.guard(() => {
+      this.renderer = this.makeRenderer();
+      this.film = this.makeFilm();
+      this.resize();
+      if (this.scene !== null) {
+        this.renderer.setScene(this.scene.count, 4);
+        this.renderer.setSpheres(0, this.sphereData);
+        this.renderer.setAtlas(this.tiles);
+        this.renderer.look.texels = this.scene.texels;
+      }
+      if (this.light !== null) {
+        this.renderer.light = this.light;
+        this.renderer.look.useTiles = this.light.model !== "lambertian";
+        this.renderer.look.white = this.light.white;
+      }
+      this.coloring = "";
+      if (this.camera !== null) this.setCamera(this.camera);
+      this.sight = new Sight(this.scene?.count ?? 0);
+      this.colorChanged();
+      this.toneChanged();
+    });
+    this.trouble("graphics", null);
+  }
+
+  // Words ------------------------------------------------------------------------------------------------------------
+
+  showStatus() {
+    const now = performance.now();
+    if (now - this.statusAt > 400) {
+      const frames = this.renderer.frameCount - this.framesSeen;
+      this.fps = frames > 1 ? (frames * 1000) / (now - this.statusAt) : 0;
+      this.framesSeen = this.renderer.frameCount;
+      this.statusAt = now;
+    }
+    if (this.scene === null) return;
+    const { visible, ready } = this.counts();
+    const n = (/** @type {number} */ x) => x.toLocaleString("en");
+    const parts = [`${n(visible)} visible`];
+    if (this.light?.model === "lambertian") {
+      parts.push("no global light");
+    } else {
+      parts.push(ready >= visible ? "all lit" : `${n(ready)} lit`);
+      if (this.status?.queued) parts.push(`${n(this.status.queued + this.status.baking)} queued`);
+      if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
+      if (this.tiles.dropped) parts.push("texture memory full");
+    }
+    if (this.fps >= 0.5) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
+    element("counts").textContent = parts.join("  ·  ");
+    /** @type {HTMLProgressElement} */
+    const progress = element("progress");
+    progress.value = visible ? ready / visible : 0;
+    progress.hidden = this.light?.model === "lambertian" || ready >= visible;
+  }
+
+  counts() {
+    return { visible: this.sight.count, ready: this.sight.readyCount(this.tiles) };
+  }
+
+  /** Say what is wrong, or that it no longer is. @param {string} cause @param {string | null} text @param {boolean} [passing] goes away by itself */
+  trouble(cause, text, passing = false) {
+    if (text === null) this.troubles.delete(cause);
+    else this.troubles.set(cause, text);
+    if (passing && text !== null) {
+      setTimeout(() => {
+        if (this.troubles.get(cause) === text) this.trouble(cause, null);
+      }, 8000);
+    }
+    const banner = element("banner");
+    banner.textContent = [...this.troubles.values()].join("\n");
+    banner.hidden = this.troubles.size === 0;
+    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice"));
+  }
+
+  /** Tell about the particle at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */
+  pick(x, y) {
+    if (this.camera === null || this.scene === null) return;
+    const { width, height, ids } = this.renderer.capture(this.camera);
+    this.film.restart();
+    this.schedule();
+    const id = ids[Math.min(height - 1, Math.floor((1 - y) * height)) * width + Math.min(width - 1, Math.floor(x * width))];
+    const readout = element("readout");
+    readout.hidden = id < 0;
+    if (id < 0) return;
+    const { center, unit } = this.scene;
+    const place = [0, 1, 2].map((a) => Number((center[a] + unit * this.sphereData[4 * id + a]).toPrecision(6)));
+    const lines = [`particle ${id}`, `at ${place.join(", ")}`, `radius ${Number((unit * this.sphereData[4 * id + 3]).toPrecision(4))}`];
+    for (const [name, { values, labels, range }] of this.scalars) {
+      const text = labels?.[values[id]] ?? (Number.isNaN(values[id]) ? "no data" : label(values[id], range[1] - range[0]));
+      lines.push(`${name} ${text}`);
+    }
+    readout.textContent = lines.join("\n");
+  }
+
+  save() {
+    if (this.film.shown === null) return;
+    const { shown } = this.film;
+    const { width, height } = this.canvas;
+    this.renderer.present(shown.pair, shown.count, { width: Math.floor(width * shown.scale), height: Math.floor(height * shown.scale), epoch: 0 });
+    this.canvas.toBlob((blob) => {
+      if (blob === null) return;
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(blob);
+      link.download = `${this.scene?.title ?? "luxel"}.png`;
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+    });
+  }
+}
+
+/** For tests and the browser's console. @param {App} app */
+function console_(app) {
+  const toFile = (/** @type {number[]} */ p) => p.map((x, k) => app.scene.center[k] + app.scene.unit * x);
+  const fromFile = (/** @type {number[]} */ p) => /** @type {Vec} */ (p.map((x, k) => (x - app.scene.center[k]) / app.scene.unit));
+  const base64 = (/** @type {ArrayBufferView} */ view) => {
+    const bytes = new Uint8Array(view.buffer, view.byteOffset, view.byteLength);
+    let text = "";
+    for (let k = 0; k < bytes.length; k += 32768) text += String.fromCharCode(...bytes.subarray(k, k + 32768));
+    return btoa(text);
+  };
+  return {
+    app,
+    /** Where things stand. */
+    state: () => ({
+      ...app.counts(),
+      requested: app.sight.requested, received: app.tilesReceived, evicted: app.tiles.evicted, dropped: app.tiles.dropped,
+      settled: app.film.settled, particles: app.scene?.count ?? 0, loaded: app.renderer.loaded,
+      samples: app.film.shown?.count ?? 0, frames: app.renderer.frameCount, frameMs: app.renderer.frameMs, fps: app.fps,
+      width: app.canvas.width, height: app.canvas.height, key: app.light?.key ?? "", model: app.light?.model ?? "",
+      coloring: app.coloring, connected: app.connection.connected, troubles: Object.fromEntries(app.troubles),
+      renderer: app.renderer.name,
+    }),
+    /** The camera in file units. */
+    camera: () => app.camera && {
+      ...app.camera, eye: toFile(app.camera.eye), target: toFile(app.camera.target),
+      height: app.camera.height === null ? null : app.camera.height * app.scene.unit,
+    },
+    /** @param {Camera} camera in file units */
+    setCamera: (camera) => app.setCamera({
+      ...camera, eye: fromFile(camera.eye), target: fromFile(camera.target),
+      height: camera.height == null ? null : camera.height / app.scene.unit,
+    }),
+    /** The picture (RGBA) and ids of pixel centres, rows from the bottom, as base64. */
+    capture: () => {
+      const { width, height, pixels, ids } = app.renderer.capture(/** @type {Camera} */ (app.camera));
+      app.film.restart();
+      app.schedule();
+      return { width, height, pixels: base64(pixels), ids: base64(ids) };
+    },
+  };
+}
+
+try {
+  const app = new App();
+  Object.assign(window, { luxel: console_(app) });
+} catch (error) {
+  const banner = element("banner");
+  banner.textContent = error instanceof Error ? error.message : String(error);
+  banner.hidden = false;
+  throw error;
+}

@@ -1,0 +1,204 @@
+// The controls beside the picture: native inputs, read into one plain object of settings.
+
+/**
+ * @typedef {object} Settings
+ * @property {string | null} colorBy
+ * @property {string} colormap
+ * @property {[number, number] | null} range null follows the data
+ * @property {boolean} log
+ * @property {string} color
+ * @property {string} noData
+ * @property {number} exposure
+ * @property {string} background
+ */
+
+/**
+ * @typedef {object} Listener
+ * @property {() => void} color scalar, map, range or plain colour changed
+ * @property {() => void} tone exposure or background changed
+ * @property {(change: {model?: string, sky?: number, sun?: number[]}) => void} light
+ * @property {(frame: number) => void} frame
+ * @property {() => void} fit
+ * @property {(axis: string, negative: boolean) => void} axis
+ * @property {() => void} projection
+ * @property {() => void} save
+ * @property {() => void} layout the panel was shown or hidden
+ */
+
+const LIGHT_DELAY_MS = 120; // after the last movement of a slider
+const MODEL_NAMES = /** @type {Record<string, string>} */ ({
+  lambertian: "Lambertian", shadows: "Soft shadows", ao: "Ambient occlusion", interreflection: "Global illumination",
+});
+
+/** @template {HTMLElement} [T=HTMLInputElement] @param {string} id @returns {T} */
+export const element = (id) => {
+  const found = document.getElementById(id);
+  if (found === null) throw new Error(`the page has no element #${id}`);
+  return /** @type {T} */ (found);
+};
+
+/** @param {HTMLSelectElement} select @param {[string, string][]} options value and text */
+function fill(select, options) {
+  select.replaceChildren(...options.map(([value, text]) => new Option(text, value)));
+}
+
+/** @param {() => void} action @param {number} delay */
+function debounced(action, delay) {
+  let timer = 0;
+  return () => {
+    clearTimeout(timer);
+    timer = window.setTimeout(action, delay);
+  };
+}
+
+export class Panel {
+  /** @param {Listener} listener */
+  constructor(listener) {
+    this.listener = listener;
+    this.diameter = 15;
+    /** @type {Settings} */
+    this.settings = {
+      colorBy: null, colormap: "viridis", range: null, log: false, color: "#d9d5cc", noData: "#7f7f86", exposure: 1, background: "#17191d",
+    };
+    const s = this.settings;
+    /** @type {(id: string, type: string, action: (input: HTMLInputElement) => void) => void} */
+    const on = (id, type, action) => {
+      const input = element(id);
+      input.addEventListener(type, () => action(input));
+    };
+    on("color-by", "change", (input) => {
+      s.colorBy = input.value || null;
+      s.range = null;
+      this.color();
+    });
+    on("colormap", "change", (input) => { s.colormap = input.value; this.color(); });
+    on("log", "change", (input) => { s.log = input.checked; s.range = null; this.color(); });
+    on("auto", "change", (input) => { s.range = input.checked ? null : this.typedRange(); this.color(); });
+    for (const id of ["low", "high"]) on(id, "change", () => { s.range = this.typedRange() ?? s.range; this.color(); });
+    on("color", "input", (input) => { s.color = input.value; this.color(); });
+    on("exposure", "input", (input) => { s.exposure = 2 ** input.valueAsNumber; this.show(); listener.tone(); });
+    on("background", "input", (input) => { s.background = input.value; this.show(); listener.tone(); });
+    on("model", "change", (input) => listener.light({ model: input.value }));
+    const sky = debounced(() => listener.light({ sky: element("sky").valueAsNumber }), LIGHT_DELAY_MS);
+    const sun = debounced(() => listener.light({ sun: this.sun() }), LIGHT_DELAY_MS);
+    on("sky", "input", () => { this.show(); sky(); });
+    for (const id of ["sun", "azimuth", "elevation"]) on(id, "input", () => { this.show(); sun(); });
+    const frame = debounced(() => listener.frame(element("frame").valueAsNumber), LIGHT_DELAY_MS);
+    on("frame", "input", () => { this.show(); frame(); });
+    on("frame-all", "click", () => listener.fit());
+    on("save", "click", () => listener.save());
+    on("orthographic", "change", () => listener.projection());
+    for (const button of document.querySelectorAll("[data-axis]")) {
+      const axis = /** @type {HTMLElement} */ (button).dataset.axis ?? "x";
+      button.addEventListener("click", (event) => listener.axis(axis, /** @type {MouseEvent} */ (event).shiftKey));
+    }
+    on("fold", "click", () => this.fold());
+    document.addEventListener("keydown", (event) => {
+      const typing = event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement;
+      if (event.key === "p" && !typing && !event.ctrlKey && !event.metaKey) this.fold();
+    });
+  }
+
+  fold() {
+    const folded = document.body.classList.toggle("folded");
+    element("fold").setAttribute("aria-expanded", String(!folded));
+    this.listener.layout();
+  }
+
+  color() {
+    this.show();
+    this.listener.color();
+  }
+
+  /** @returns {[number, number] | null} what is typed, if it makes sense */
+  typedRange() {
+    const [low, high] = [element("low").valueAsNumber, element("high").valueAsNumber];
+    return low < high && (!this.settings.log || low > 0) ? [low, high] : null;
+  }
+
+  sun() {
+    return [element("azimuth").valueAsNumber, element("elevation").valueAsNumber, element("sun").valueAsNumber, this.diameter];
+  }
+
+  /** Take over a data set and its view. @param {any} scene @param {boolean} keep the user's own settings */
+  setScene(scene, keep) {
+    const s = this.settings;
+    if (!keep) {
+      const { view } = scene;
+      Object.assign(s, {
+        colorBy: view.color_by, colormap: view.colormap, range: view.range, log: view.log, color: view.color,
+        noData: view.nan_color, exposure: view.exposure, background: view.background,
+      });
+    }
+    const names = /** @type {string[]} */ (scene.scalars.map((/** @type {any} */ each) => each.name));
+    if (s.colorBy !== null && !names.includes(s.colorBy)) s.colorBy = null;
+    fill(element("color-by"), [["", "nothing"], ...names.map((name) => /** @type {[string, string]} */ ([name, name]))]);
+    const maps = /** @type {string[]} */ (scene.colormaps.includes(s.colormap) ? scene.colormaps : [s.colormap, ...scene.colormaps]);
+    fill(element("colormap"), maps.map((name) => [name, name]));
+    fill(element("model"), scene.models.map((/** @type {string} */ name) => [name, MODEL_NAMES[name] ?? name]));
+    element("title").textContent = scene.title;
+    document.title = `${scene.title} – luxel`;
+    const time = scene.time === null ? "" : ` · t = ${Number(scene.time.toPrecision(6))}`;
+    element("summary").textContent = `${scene.count.toLocaleString("en")} particles${time}`;
+    element("time-part").hidden = scene.frame_count < 2;
+    element("frame").max = String(scene.frame_count - 1);
+    element("frame").value = String(scene.frame);
+    this.show();
+  }
+
+  /** @param {any} light head of a light message */
+  setLight(light) {
+    element("model").value = light.model;
+    const { controls } = light;
+    // A slider that is being dragged is ahead of the server; leave it alone.
+    for (const id of ["sky", "sun", "azimuth", "elevation"]) {
+      const input = element(id);
+      if (document.activeElement !== input) input.value = String(controls[id] ?? 0);
+    }
+    this.diameter = controls.diameter ?? this.diameter;
+    document.body.classList.toggle("no-lights", light.model === "ao");
+    this.show();
+  }
+
+  /** The range in use now, when it follows the data. @param {[number, number]} range */
+  setShownRange(range) {
+    if (this.settings.range !== null) return;
+    element("low").value = String(Number(range[0].toPrecision(5)));
+    element("high").value = String(Number(range[1].toPrecision(5)));
+  }
+
+  /** Bring the controls in line with the settings. */
+  show() {
+    const s = this.settings;
+    element("color-by").value = s.colorBy ?? "";
+    element("colormap").value = s.colormap;
+    element("log").checked = s.log;
+    element("auto").checked = s.range === null;
+    if (s.range !== null) [element("low").value, element("high").value] = s.range.map(String);
+    element("color").value = s.color;
+    element("background").value = s.background;
+    element("exposure").value = String(Math.log2(s.exposure));
+    const outputs = /** @type {Record<string, string>} */ ({
+      exposure: `× ${s.exposure.toFixed(2)}`, sky: element("sky").valueAsNumber.toFixed(2), sun: element("sun").valueAsNumber.toFixed(1),
+      azimuth: `${element("azimuth").value}°`, elevation: `${element("elevation").value}°`,
+      frame: `${element("frame").value} / ${element("frame").max}`,
+    });
+    for (const [id, text] of Object.entries(outputs)) element(`${id}-out`).textContent = text;
+    document.body.classList.toggle("uniform", s.colorBy === null);
+    document.body.classList.toggle("coloured", s.colorBy !== null);
+    const [r, g, b] = rgb(s.background);
+    element("stage").classList.toggle("bright", 0.3 * r + 0.59 * g + 0.11 * b > 0.5);
+  }
+}
+
+/** @param {string} hex "#rrggbb" @returns {number[]} in [0, 1] */
+export const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
+
+/** @param {number} c sRGB */
+const linear = (c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+
+/** Top and bottom of the background in linear light: a little grading gives depth. @param {string} hex */
+export function grading(hex) {
+  const base = rgb(hex).map(linear);
+  return { top: base.map((c) => Math.min(1, c * 1.6)), bottom: base.map((c) => c * 0.62) };
+}

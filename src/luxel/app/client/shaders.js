@@ -1,0 +1,242 @@
+// The shaders. Space is normalised units relative to the eye, axes right, up, forward; so float32 is enough at any zoom.
+
+const HEAD = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp sampler2D;
+precision highp isampler2D;
+precision highp usampler2D;
+precision highp usampler2DArray;
+`;
+
+const CAMERA = `
+uniform sampler2D uSpheres;   // centre, radius
+uniform vec3 uEyeHigh, uEyeLow; // two floats make a double, so that a close eye does not jump from float to float
+uniform mat3 uBasis;          // columns right, up, forward
+uniform vec2 uHalf;           // half extent of the picture: at distance 1, or anywhere if orthographic
+uniform vec2 uSize;           // pixels
+uniform vec2 uShift;          // where in its pixel a ray starts, from the centre, in pixels
+uniform bool uOrthographic;
+
+ivec2 place(int id, int width) { return ivec2(id % width, id / width); }
+
+vec4 sphereAt(int id) {
+  vec4 s = texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0);
+  return vec4(((s.xyz - uEyeHigh) - uEyeLow) * uBasis, s.w);
+}
+
+// Nearest front face of a sphere along the ray through pixel p (lower left corner is 0): distance, or -1.
+// The distance counts along the view direction.
+float hit(vec4 s, vec2 p, out vec3 origin, out vec3 ray) {
+  vec2 plane = ((p + uShift) / uSize * 2.0 - 1.0) * uHalf;
+  origin = uOrthographic ? vec3(plane, 0) : vec3(0);
+  ray = uOrthographic ? vec3(0, 0, 1) : vec3(plane, 1);
+  float dd = dot(ray, ray);
+  vec3 to = s.xyz - origin;
+  float b = dot(to, ray) / dd;
+  vec3 off = to - b * ray; // from the ray to the centre; b*b - c would cancel for small far spheres
+  float rest = s.w * s.w - dot(off, off);
+  if (rest < 0.0) return -1.0;
+  return b - sqrt(rest / dd);
+}
+`;
+
+/** One quad an instance, the exact bounds of the sphere's picture. */
+export const IDS_VERTEX = HEAD + CAMERA + `
+flat out vec4 vSphere;
+flat out uint vId;
+
+// Ends of a sphere's picture along one axis: the two tangents from the eye.
+vec2 tangents(float x, float z, float r) {
+  float root = r * sqrt(max(0.0, x * x + z * z - r * r));
+  return (x * z + vec2(-root, root)) / (z * z - r * r);
+}
+
+void main() {
+  vec4 s = sphereAt(gl_InstanceID);
+  vSphere = s;
+  vId = uint(gl_InstanceID) + 1u;
+  vec2 low, high;
+  bool shown;
+  if (uOrthographic) {
+    shown = s.z + s.w > 0.0;
+    low = s.xy - s.w;
+    high = s.xy + s.w;
+  } else {
+    shown = s.z + s.w > 0.0 && dot(s.xyz, s.xyz) > s.w * s.w; // from inside, a sphere shows no front face
+    if (s.z > s.w) {
+      vec2 x = tangents(s.x, s.z, s.w), y = tangents(s.y, s.z, s.w);
+      low = vec2(x.x, y.x);
+      high = vec2(x.y, y.y);
+    } else { // reaches beside the eye: its picture may have no bounds
+      low = -2.0 * uHalf;
+      high = 2.0 * uHalf;
+    }
+  }
+  vec2 pixel = 2.0 / uSize;
+  low = low / uHalf - uShift * pixel - 0.02 * pixel; // the margin covers rounding
+  high = high / uHalf - uShift * pixel + 0.02 * pixel;
+  shown = shown && all(lessThan(low, vec2(1))) && all(greaterThan(high, vec2(-1)));
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+  gl_Position = shown ? vec4(mix(clamp(low, -1.0, 1.0), clamp(high, -1.0, 1.0), corner), 0, 1) : vec4(2, 2, 2, 1);
+}`;
+
+export const IDS_FRAGMENT = HEAD + CAMERA + `
+flat in vec4 vSphere;
+flat in uint vId;
+uniform float uNear, uFar;
+out uint outId;
+
+void main() {
+  vec3 origin, ray;
+  float t = hit(vSphere, gl_FragCoord.xy, origin, ray);
+  if (t <= 0.0) discard;
+  // Reversed depth in a float buffer is as fine near as far, so there are no clip planes to fit.
+  gl_FragDepth = uOrthographic ? 1.0 - t / uFar : min(1.0, uNear / t);
+  outId = vId;
+}`;
+
+export const SCREEN_VERTEX = HEAD + `
+void main() {
+  gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
+}`;
+
+export const LIGHTS_MAX = 8;
+
+/** Luminance and colour of what the id buffer holds; sums of samples, tone comes later. */
+export const SHADE_FRAGMENT = HEAD + CAMERA + `
+uniform usampler2D uIds;
+uniform sampler2D uValues;      // position in the colour map; negative is no data
+uniform sampler2D uLut;         // sRGB
+uniform isampler2D uSlots;      // slot + generation << 24, or -1
+uniform usampler2DArray uAtlas; // tiles one after the other, 2048 bytes a row
+uniform sampler2D uDecoding;    // a row of 256 luminances for each generation
+uniform int uTexels;
+uniform bool uUseTiles, uUniform;
+uniform vec3 uColor, uNoData;   // sRGB
+uniform vec3 uEye;
+uniform vec2 uSky;              // level, ground
+uniform vec3 uSkyAxis;
+uniform int uSunCount, uGlobeCount, uQuadCount;
+uniform vec4 uSuns[2 * ${LIGHTS_MAX}];   // direction, level | sine of half the angular diameter
+uniform vec4 uGlobes[2 * ${LIGHTS_MAX}]; // centre, radius | level
+uniform vec4 uQuads[2 * ${LIGHTS_MAX}];  // centre, level | normal, area
+layout(location = 0) out vec4 outSum;    // luminance times linear colour, luminance
+layout(location = 1) out float outCover;
+
+const float PI = 3.14159265358979;
+
+vec3 toLinear(vec3 c) {
+  return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), greaterThan(c, vec3(0.04045)));
+}
+
+float texel(int slot, int generation, int row, int column) {
+  if (row < 0) { row = -1 - row; column += uTexels / 2; }
+  else if (row >= uTexels) { row = 2 * uTexels - 1 - row; column += uTexels / 2; }
+  int at = slot * uTexels * uTexels + row * uTexels + column % uTexels;
+  uint code = texelFetch(uAtlas, ivec3(at & 2047, (at >> 11) & 2047, at >> 22), 0).r;
+  return texelFetch(uDecoding, ivec2(int(code), generation), 0).r;
+}
+
+// Latitude-longitude map, bilinear (paper 3.4).
+float textured(int tile, vec3 n) {
+  int slot = tile & 0xffffff, generation = tile >> 24;
+  float u = atan(n.y, n.x) / (2.0 * PI);
+  float v = acos(clamp(n.z, -1.0, 1.0)) / PI;
+  vec2 at = vec2(u < 0.0 ? u + 1.0 : u, v) * float(uTexels) - 0.5;
+  vec2 base = floor(at), f = at - base;
+  int column = int(base.x) + uTexels, row = int(base.y);
+  return mix(
+    mix(texel(slot, generation, row, column), texel(slot, generation, row, column + 1), f.x),
+    mix(texel(slot, generation, row + 1, column), texel(slot, generation, row + 1, column + 1), f.x), f.y);
+}
+
+float soft(float c, float s) {
+  return c >= s ? c : c <= -s ? 0.0 : (c + s) * (c + s) / (4.0 * s);
+}
+
+// Unshadowed direct light in closed form; the same as luxel.kernels.light.lambert.
+float lambert(vec3 p, vec3 n) {
+  float sum = uSky.y + (uSky.x - uSky.y) * 0.5 * (1.0 + 2.0 / 3.0 * dot(n, uSkyAxis));
+  for (int k = 0; k < uSunCount; k++) {
+    sum += uSuns[2 * k].w * soft(dot(n, uSuns[2 * k].xyz), uSuns[2 * k + 1].x);
+  }
+  for (int k = 0; k < uGlobeCount; k++) {
+    vec4 g = uGlobes[2 * k];
+    vec3 c = g.xyz - p;
+    float d2 = dot(c, c), d = sqrt(d2);
+    if (d2 > g.w * g.w) sum += uGlobes[2 * k + 1].x * g.w * g.w / d2 * soft(dot(n, c) / d, g.w / d);
+  }
+  for (int k = 0; k < uQuadCount; k++) {
+    vec3 c = uQuads[2 * k].xyz - p;
+    float d2 = max(dot(c, c), 1e-12), d = sqrt(d2);
+    float facing = max(0.0, -dot(uQuads[2 * k + 1].xyz, c) / d);
+    sum += uQuads[2 * k].w * max(0.0, dot(n, c) / d) * facing * uQuads[2 * k + 1].w / (PI * d2);
+  }
+  return sum;
+}
+
+vec3 colorOf(int id) {
+  if (uUniform) return toLinear(uColor);
+  float x = texelFetch(uValues, place(id, textureSize(uValues, 0).x), 0).r;
+  if (x < 0.0) return toLinear(uNoData);
+  int rows = textureSize(uLut, 0).x;
+  return toLinear(texelFetch(uLut, ivec2(min(rows - 1, int(x * float(rows))), 0), 0).rgb);
+}
+
+void main() {
+  uint found = texelFetch(uIds, ivec2(gl_FragCoord.xy), 0).r;
+  if (found == 0u) { outSum = vec4(0); outCover = 0.0; return; }
+  int id = int(found) - 1;
+  vec4 s = sphereAt(id);
+  vec3 origin, ray;
+  float t = hit(s, gl_FragCoord.xy, origin, ray);
+  vec3 n = uBasis * normalize(origin + t * ray - s.xyz);
+  int tile = uUseTiles ? texelFetch(uSlots, place(id, textureSize(uSlots, 0).x), 0).r : -1;
+  float luminance;
+  if (tile >= 0) luminance = textured(tile, n);
+  else luminance = lambert(texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0).xyz + s.w * n, n);
+  outSum = vec4(luminance * colorOf(id), luminance);
+  outCover = 1.0;
+}`;
+
+/** Every uStep-th pixel of the id buffer, for reading back. */
+export const SWEEP_FRAGMENT = HEAD + `
+uniform usampler2D uIds;
+uniform int uStep;
+uniform vec2 uFirst;
+uniform vec2 uSize;
+out uint outId;
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy) * uStep + ivec2(uFirst);
+  outId = all(lessThan(at, ivec2(uSize))) ? texelFetch(uIds, at, 0).r : 0u;
+}`;
+
+/** Sums to a picture: mean, tone curve on luminance, colour, background, sRGB. The same as luxel.kernels.shade.develop. */
+export const PRESENT_FRAGMENT = HEAD + `
+uniform sampler2D uSum, uCover;
+uniform vec2 uCanvas;   // pixels shown
+uniform vec2 uPart;     // part of the sums that is in use, (0, 1]
+uniform float uCount, uExposure, uWhite;
+uniform vec3 uTop, uBottom; // background, linear light
+out vec4 outColor;
+
+vec3 encode(vec3 c) {
+  return mix(c * 12.92, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, greaterThan(c, vec3(0.0031308)));
+}
+
+void main() {
+  vec2 at = gl_FragCoord.xy / uCanvas;
+  vec4 sum = texture(uSum, at * uPart);
+  float hits = texture(uCover, at * uPart).r;
+  float cover = min(1.0, hits / uCount), gain = 0.0;
+  if (sum.a > 0.0 && hits > 0.0) {
+    float v = sum.a / hits * uExposure;
+    if (uWhite > 1.0) v = v * (1.0 + v / (uWhite * uWhite)) / (1.0 + v);
+    gain = min(v, 1.0) * cover / sum.a;
+  }
+  vec3 c = encode(clamp(sum.rgb * gain + mix(uBottom, uTop, at.y) * (1.0 - cover), 0.0, 1.0));
+  // A slow gradient shows steps in 8 bits; half a step of noise hides them where there is only background.
+  float noise = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715)))) - 0.5;
+  outColor = vec4(c + noise * (1.0 - cover) / 255.0, 1);
+}`;

@@ -1,0 +1,92 @@
+// What is visible: ids read back from the screen, gathered since the camera last moved, and what to ask the server for.
+
+const RESEND_MS = 1000;
+const MOVING_MS = 150;
+
+export class Sight {
+  /** @param {number} count particles */
+  constructor(count) {
+    this.stamp = new Int32Array(count).fill(-1);
+    this.ids = new Int32Array(1024);
+    this.count = 0;
+    this.epoch = 0;
+    this.requested = 0;
+    this.asked = new Int32Array(count).fill(-1); // the light under which an id was asked for last
+    this.sentAt = -Infinity;
+    this.fresh = false;
+    this.waiting = false; // for light, or for the next chance to ask for it
+  }
+
+  /**
+   * Take in a sweep. `epoch` tells which camera it saw: the first sweep of a newer one starts the set anew.
+   * @param {Uint32Array} data ids + 1 @param {number} stride @param {number} epoch
+   */
+  collect(data, stride, epoch) {
+    if (epoch !== this.epoch) {
+      this.epoch = epoch;
+      this.count = 0;
+      this.fresh = true;
+    }
+    const { stamp } = this;
+    for (let k = 0; k < data.length; k += stride) {
+      const id = data[k] - 1;
+      if (id < 0 || id >= stamp.length || stamp[id] === epoch) continue;
+      stamp[id] = epoch;
+      if (this.count === this.ids.length) {
+        const grown = new Int32Array(2 * this.count);
+        grown.set(this.ids);
+        this.ids = grown;
+      }
+      this.ids[this.count++] = id;
+      this.fresh = true;
+    }
+  }
+
+  /** @param {number} id */
+  isVisible(id) {
+    return this.stamp[id] === this.epoch;
+  }
+
+  /** @param {import("./tiles.js").TileStore} tiles */
+  readyCount(tiles) {
+    let ready = 0;
+    for (let k = 0; k < this.count; k++) if (tiles.isCurrent(this.ids[k])) ready++;
+    return ready;
+  }
+
+  /**
+   * Ids to ask for now, if it is time to: soon when something new came into sight, else about once a second,
+   * so that the server does not take the request for outdated.
+   * @param {import("./tiles.js").TileStore} tiles @param {number} now milliseconds
+   * @returns {Int32Array | null}
+   */
+  request(tiles, now) {
+    if (now - this.sentAt < (this.fresh ? MOVING_MS : RESEND_MS)) {
+      this.waiting = true;
+      return null;
+    }
+    const missing = new Int32Array(this.count);
+    let n = 0;
+    for (let k = 0; k < this.count; k++) {
+      const id = this.ids[k];
+      if (tiles.isCurrent(id)) continue;
+      missing[n++] = id;
+      if (this.asked[id] !== tiles.current) {
+        this.asked[id] = tiles.current;
+        this.requested++;
+      }
+    }
+    this.fresh = false;
+    this.waiting = n > 0;
+    if (n === 0) return null;
+    this.sentAt = now;
+    // What the atlas cannot hold is not asked for.
+    return missing.subarray(0, Math.max(0, Math.min(n, tiles.capacity - (this.count - n))));
+  }
+
+  /** The light changed, or the connection: ask again at once. */
+  askAgain() {
+    this.sentAt = -Infinity;
+    this.fresh = true;
+  }
+}

@@ -1,0 +1,1 @@
+"""Tests of the cache, the queue and the engine."""

@@ -1,0 +1,409 @@
+"""The texture engine with bakers that cost nothing."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from luxel.errors import SessionClosedError
+
+from .fakes import GUARD_S, Clock, FakeBaker, Stage, code_of, ids_of
+
+
+@pytest.mark.parametrize("threads", [0, 1, 4])
+def test_every_visible_particle_becomes_ready_exactly_once(threads):
+    stage = Stage(threads)
+    stage.select("day")
+    visible = range(0, 1000, 2)
+    stage.request("day", visible)
+    stage.request("day", visible)  # a second sighting of what is still queued bakes nothing twice
+    assert stage.engine.wait(GUARD_S)
+    assert stage.ready("day") == set(visible)
+    assert sorted(stage.heard) == [("day", each) for each in visible]
+    assert not stage.wrong
+    assert stage.made == ["day"]
+    assert stage.request("day", visible) == 0
+    stage.engine.close()
+
+
+def test_threads_do_not_change_a_byte():
+    found = []
+    for threads in (1, 4):
+        stage = Stage(threads)
+        stage.select("day")
+        stage.request("day", range(1000))
+        assert stage.engine.wait(GUARD_S)
+        found.append(stage.cache.lookup("day", np.arange(1000, dtype=np.int32))[1])
+        stage.engine.close()
+    assert (found[0] == found[1]).all()
+
+
+def test_near_particles_come_first():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", [1, 2, 3], distance=[0.9, 0.1, 0.5])
+    assert stage.engine.wait()
+    assert [each for _, each in stage.heard] == [2, 3, 1]
+
+
+def test_a_change_of_light_cancels_what_waits_and_keeps_what_is_done():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", range(100))
+    assert stage.engine.run_once()  # makes the baker
+    assert stage.engine.run_once()
+    done = stage.ready("day")
+    assert 0 < len(done) < 100
+    stage.select("night")
+    assert not stage.engine.run_once()
+    counts = stage.cache.counts("day")
+    assert (counts.queued, counts.baking, counts.ready) == (0, 0, len(done))
+    stage.request("night", range(10))
+    stage.engine.wait()
+    assert stage.ready("night") == set(range(10))
+    assert stage.ready("day") == done
+    stage.select("day")  # undone: nothing of it is baked again
+    assert stage.request("day", range(100)) == 100 - len(done)
+    stage.engine.wait()
+    assert sorted(stage.heard) == sorted(
+        [("day", each) for each in range(100)] + [("night", each) for each in range(10)]
+    )
+    assert stage.made == ["day", "night"]
+
+
+def test_requests_for_a_key_that_is_not_current_are_ignored():
+    stage = Stage()
+    stage.select("day")
+    assert stage.request("night", [1, 2]) == 0
+    assert not stage.engine.run_once()
+
+
+def test_results_that_come_too_late_are_cached_under_their_own_key():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", [1, 2])
+    assert stage.engine.run_once()
+    baker = stage.bakers["day"]
+    bake = baker.bake_into
+
+    def slow(ids, codes):
+        stage.select("night")
+        return bake(ids, codes)
+
+    baker.bake_into = slow
+    assert stage.engine.run_once()
+    assert stage.heard
+    assert stage.stale == {"day"}
+    assert stage.ready("day") == {each for _, each in stage.heard}
+    assert stage.ready("night") == set()
+
+
+def test_a_failed_batch_is_retried_then_given_up(caplog):
+    stage = Stage(bad=(3,))
+    stage.select("day")
+    for attempt in range(3):
+        assert stage.engine.error is None or attempt
+        assert stage.request("day", [3]) == 1
+        stage.engine.wait()
+        assert stage.engine.error == "ArithmeticError: a bad particle"
+        assert stage.cache.counts("day").baking == 0
+    assert stage.cache.counts("day").failed == 1
+    assert stage.request("day", [3]) == 0
+    assert len(stage.bakers["day"].batches) == 3
+    assert not stage.heard
+    assert "a bad particle" in caplog.text
+    stage.select("night")
+    assert stage.engine.error is None
+
+
+def test_a_failure_that_passes_leaves_no_trace():
+    stage = Stage(bad=(3,))
+    stage.select("day")
+    stage.request("day", [1, 2, 3])
+    stage.engine.wait()
+    stage.bakers["day"].bad.clear()
+    stage.request("day", [1, 2, 3])
+    stage.engine.wait()
+    assert stage.ready("day") == {1, 2, 3}
+    assert stage.cache.counts("day").failed == 0
+
+
+def test_workers_survive_failures_of_bakers_and_listeners():
+    stage = Stage(threads=2, bad=(3,))
+
+    def fragile(batch):
+        raise ValueError("a listener that fails")
+
+    stage.engine.subscribe(fragile)
+    stage.select("day")
+    for _ in range(3):
+        stage.request("day", [3])
+        assert stage.engine.wait(GUARD_S)
+    stage.request("day", range(500))
+    assert stage.engine.wait(GUARD_S)
+    assert stage.ready("day") == set(range(500)) - {3}
+    stage.engine.close()
+
+
+@pytest.mark.parametrize("threads", [0, 2])
+def test_a_baker_that_cannot_be_made_is_reported(threads):
+    stage = Stage(threads)
+
+    def broken():
+        stage.made.append("day")
+        raise MemoryError("no room for a tree")
+
+    stage.engine.select("day", 10, 1.0, "linear", broken)
+    stage.request("day", [1, 2])
+    assert stage.engine.wait(GUARD_S)
+    assert stage.made == ["day"] * 3
+    assert stage.engine.error == "MemoryError: no room for a tree"
+    assert stage.cache.counts("day").queued == 0
+    assert stage.request("day", [1, 2]) == 0
+    stage.select("night")
+    stage.request("night", [1])
+    assert stage.engine.wait(GUARD_S)
+    assert stage.ready("night") == {1}
+    stage.engine.close()
+
+
+def test_only_the_latest_bakers_are_kept():
+    stage = Stage()
+    for key in ("a", "b", "c", "d", "c", "a"):
+        stage.select(key)
+        stage.request(key, [len(stage.heard)])
+        stage.engine.wait()
+    assert stage.made == ["a", "b", "c", "d", "a"]
+
+
+def test_batches_grow_towards_thirty_milliseconds_and_shrink_back():
+    clock = Clock()
+    stage = Stage(count=100_000, clock=clock, texture_s=1e-4)
+    stage.bakers["day"] = FakeBaker("day", clock, 1e-4)
+    stage.select("day")
+    stage.request("day", range(20_000))
+    stage.engine.run_for(1.0)
+    sizes = [len(batch) for batch in stage.bakers["day"].batches]
+    assert sizes[0] == 16
+    assert 250 <= sizes[-1] <= 350
+    stage.bakers["day"].texture_s = 1e-2
+    stage.engine.run_for(10.0)
+    assert len(stage.bakers["day"].batches[-1]) == 3
+
+
+def test_run_for_keeps_to_its_budget():
+    clock = Clock()
+    stage = Stage(count=100_000, clock=clock)
+    stage.bakers["day"] = FakeBaker("day", clock, 1e-4)
+    stage.select("day")
+    stage.request("day", range(50_000))
+    for _ in range(20):
+        start_s = clock.now_s
+        stage.engine.run_for(1 / 30)
+        assert 1 / 30 <= clock.now_s - start_s < 1 / 30 + 0.06
+    assert stage.engine.textures_per_s == pytest.approx(len(stage.heard) / 3)
+    clock.now_s += 5
+    assert stage.engine.textures_per_s == 0
+
+
+def test_the_last_requests_are_spread_over_threads():
+    stage = Stage()
+    stage.engine.thread_count = 4
+    stage.select("day")
+    stage.request("day", range(16))
+    while stage.engine.run_once():
+        pass
+    assert len(stage.bakers["day"].batches[0]) == 4
+
+
+def test_requests_lapse_once_their_client_looks_elsewhere():
+    stage = Stage(expiry_s=2.0)
+    stage.select("day")
+    stage.request("day", [1], client="ann")
+    stage.request("day", [2], client="bob")
+    stage.clock.now_s += 3
+    stage.request("day", [5], client="ann")
+    assert stage.cache.counts("day").queued == 2
+    stage.engine.wait()
+    assert stage.ready("day") == {2, 5}
+
+
+def test_requests_lapse_though_all_in_sight_is_ready():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", [1])
+    stage.engine.wait()
+    stage.request("day", [2])
+    stage.clock.now_s += 3
+    stage.request("day", [1])
+    assert stage.cache.counts("day").queued == 0
+    assert not stage.engine.run_once()
+
+
+def test_a_client_that_leaves_takes_its_requests_with_it():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", [1, 2], client="ann")
+    stage.request("day", [2, 3], client="bob")
+    stage.engine.forget("ann")
+    stage.engine.wait()
+    assert stage.ready("day") == {2, 3}
+    assert stage.cache.counts("day").missing == 998
+
+
+def test_a_view_larger_than_the_cache_bakes_what_fits_and_stops():
+    stage = Stage(capacity=50)
+    stage.select("day")
+    distance = np.linspace(0, 1, 80)
+    stage.request("day", range(80), distance)
+    stage.engine.wait()
+    assert stage.ready("day") == set(range(50))  # the nearest
+    assert stage.engine.over_budget == 30
+    for _ in range(5):
+        assert stage.request("day", range(80), distance) == 0
+    assert len(stage.heard) == 50
+    stage.request("day", range(100, 140))
+    stage.engine.wait()
+    assert stage.ready("day") >= set(range(100, 140))
+    assert stage.engine.over_budget == 0
+
+
+def test_clipped_texels_are_counted():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", range(100))
+    stage.engine.wait()
+    assert stage.engine.clipped_count == 10
+
+
+def test_listeners_can_leave():
+    stage = Stage()
+    heard = []
+    leave = stage.engine.subscribe(heard.append)
+    stage.select("day")
+    stage.request("day", [1])
+    stage.engine.wait()
+    leave()
+    leave()
+    stage.request("day", [2])
+    stage.engine.wait()
+    assert [batch.ids.tolist() for batch in heard] == [[1]]
+
+
+def test_a_listener_may_call_back():
+    stage = Stage(threads=2)
+    stage.select("day")
+
+    def follow(batch):
+        if batch.ids.max() < 5:
+            stage.request("day", batch.ids + 1)
+
+    stage.engine.subscribe(follow)
+    stage.request("day", [0])
+    assert stage.engine.wait(GUARD_S)
+    assert stage.ready("day") == set(range(6))
+    stage.engine.close()
+
+
+def test_close_ends_the_threads_and_later_use_is_an_error():
+    before = set(threading.enumerate())
+    stage = Stage(threads=3)
+    assert set(threading.enumerate()) == before  # no work, no threads
+    stage.select("day")
+    stage.request("day", range(1000))
+    assert len(set(threading.enumerate()) - before) == 3
+    stage.engine.close()
+    stage.engine.close()
+    assert set(threading.enumerate()) == before
+    for use in (
+        lambda: stage.select("night"),
+        lambda: stage.request("day", [1]),
+        lambda: stage.engine.run_once(),
+        lambda: stage.engine.wait(),
+        lambda: stage.engine.subscribe(print),
+    ):
+        with pytest.raises(SessionClosedError, match="closed"):
+            use()
+
+
+def test_close_waits_for_the_batch_in_progress():
+    stage = Stage(threads=1)
+    started, release = threading.Event(), threading.Event()
+    baker = FakeBaker("day")
+    bake = baker.bake_into
+
+    def slow(ids, codes):
+        started.set()
+        assert release.wait(GUARD_S)
+        return bake(ids, codes)
+
+    baker.bake_into = slow
+    stage.bakers["day"] = baker
+    stage.select("day")
+    stage.request("day", range(1000))
+    assert started.wait(GUARD_S)
+    closer = threading.Thread(target=stage.engine.close)
+    closer.start()
+    release.set()
+    closer.join(GUARD_S)
+    assert not closer.is_alive()
+    assert len(baker.batches) == 1
+    assert stage.ready("day") == set(baker.batches[0])
+
+
+def test_many_clients_lights_and_workers_at_once():
+    """Nothing is lost, baked twice or mixed up between keys while everything happens at the same time."""
+    stage = Stage(threads=4, count=2000)
+    stage.select("k0")
+
+    def client(number):
+        rng = np.random.default_rng(number)
+        for step in range(60):
+            ids = np.unique(rng.integers(0, stage.count, 300))
+            key = f"k{rng.integers(0, 3)}"
+            if number == 0 and step % 6 == 0:
+                stage.select(key)
+            stage.request(key, ids, rng.random(len(ids)), client=str(number))
+            table = stage.cache.snapshot(key)
+            if table is not None:
+                there = np.flatnonzero(table.slot >= 0)
+                expected = code_of(key, there.astype(np.int32))
+                assert (table.codes[table.slot[there]] == expected[:, None, None]).all()
+            if step % 20 == 19:
+                stage.engine.forget(str(number))
+
+    with ThreadPoolExecutor(4) as pool:
+        for done in [pool.submit(client, number) for number in range(4)]:
+            done.result(GUARD_S)
+    stage.select("k0")
+    stage.request("k0", np.arange(stage.count))
+    assert stage.engine.wait(GUARD_S)
+    assert stage.ready("k0") == set(range(stage.count))
+    assert len(set(stage.heard)) == len(stage.heard)
+    assert not stage.wrong
+    for key in ("k0", "k1", "k2"):
+        counts = stage.cache.counts(key)
+        assert counts.queued == counts.baking == counts.failed == 0
+        assert counts.ready == len(stage.ready(key))
+    stage.engine.close()
+
+
+def test_a_small_cache_under_many_workers_never_shows_a_wrong_tile():
+    stage = Stage(threads=4, count=2000, capacity=200)
+    stage.select("day")
+    for step in range(40):
+        visible = np.arange(step * 40, step * 40 + 150) % stage.count
+        stage.request("day", visible)
+        table = stage.cache.snapshot("day")
+        shown = {each: table.codes[table.slot[each]].copy() for each in np.flatnonzero(table.slot >= 0)}
+        assert stage.engine.wait(GUARD_S)
+        for each, tile in shown.items():
+            assert (table.codes[table.slot[each]] == tile).all()
+            assert (tile == code_of("day", ids_of(each))[0]).all()
+        del table
+        stage.request("day", visible)
+        assert stage.engine.wait(GUARD_S)
+        assert stage.ready("day") >= set(visible.tolist())
+    assert stage.cache.stats().evicted > 0
+    stage.engine.close()

@@ -1,0 +1,128 @@
+"""One contract for every tracer, and the tree against its twins: plain NumPy and Embree."""
+
+import numpy as np
+import pytest
+
+import luxel
+from luxel.trace.reference import ReferenceTracer
+from luxel.trace.spheres import SphereSet
+from luxel.trace.tree import SphereTree
+from tests.scenes import cloud, lattice, random_rays
+
+
+class TracerContract:
+    make = None
+
+    def tracer(self, particles):
+        return type(self).make(SphereSet.of(particles))
+
+    def test_hits_the_nearest_of_two(self):
+        tracer = self.tracer(luxel.Particles([[0, 0, 0], [4, 0, 0]], 1.0))
+        unit = tracer.spheres.unit
+        origin = tracer.spheres.to_unit([[-3.0, 0, 0], [7.0, 0, 0], [-3.0, 1.5, 0]]).astype(np.float32)
+        direction = np.array([[1, 0, 0], [-1, 0, 0], [1, 0, 0]], np.float32)
+        distance, ids = tracer.closest(origin, direction)
+        assert ids.tolist() == [0, 1, -1]
+        np.testing.assert_allclose(distance[:2] * unit, 2.0, rtol=1e-6)
+        assert np.isinf(distance[2])
+
+    def test_limit_and_skip(self):
+        tracer = self.tracer(luxel.Particles([[0, 0, 0], [4, 0, 0]], 1.0))
+        origin = tracer.spheres.to_unit([[-3.0, 0, 0]]).astype(np.float32)
+        direction = np.array([[1, 0, 0]], np.float32)
+        near = tracer.spheres.length_to_unit(1.9)
+        assert not tracer.occluded(origin, direction, near)[0]
+        assert tracer.closest(origin, direction, skip=np.array([0], np.int32))[1][0] == 1
+
+    def test_ray_that_starts_inside_is_blocked_at_once(self):
+        tracer = self.tracer(luxel.Particles([[0, 0, 0], [9, 0, 0]], [1.0, 0.1]))
+        origin = tracer.spheres.to_unit([[0.5, 0, 0]]).astype(np.float32)
+        distance, ids = tracer.closest(origin, np.array([[1, 0, 0]], np.float32))
+        assert (distance[0], ids[0]) == (0.0, 0)
+
+    @pytest.mark.parametrize("scale", [1e-20, 1.0, 3e21])
+    @pytest.mark.parametrize("spread", [0.0, 3.0])
+    def test_leaving_a_sphere_never_meets_it_again(self, scale, spread):
+        base = cloud(60, spread=spread)
+        alone = luxel.Particles(base.local[:1] * scale, base.radii[:1] * scale)
+        tracer = self.tracer(alone)
+        origins, directions, ids = random_rays(alone, 500)
+        assert not tracer.occluded(origins, directions, skip=ids).any()
+
+    def test_no_rays(self):
+        none = np.zeros((0, 3), np.float32)
+        distance, ids = self.tracer(lattice(2)).closest(none, none)
+        assert len(distance) == len(ids) == 0
+
+
+class TestTree(TracerContract):
+    make = SphereTree
+
+
+class TestReference(TracerContract):
+    make = ReferenceTracer
+
+
+@pytest.mark.parametrize(
+    "particles",
+    [
+        cloud(1, seed=1),
+        cloud(17, seed=2),
+        cloud(800, seed=3),
+        cloud(800, seed=4, spread=3.4),
+        lattice(9),
+        luxel.Particles(np.zeros((300, 3)), 0.5),
+        luxel.Particles(np.geomspace(1e-2, 1e2, 400)[:, None] * [1.0, 0, 0], np.geomspace(1e-4, 1, 400)),
+        luxel.Particles(np.random.default_rng(5).random((500, 3)) + 1e9, 0.05),
+    ],
+    ids=["one", "two leaves", "cloud", "polydisperse", "lattice", "coincident", "exponential", "far away"],
+)
+def test_tree_agrees_with_reference(particles):
+    spheres = SphereSet.of(particles)
+    tree, plain = SphereTree(spheres), ReferenceTracer(spheres)
+    origins, directions, ids = random_rays(particles, 400)
+    expected, expected_ids = plain.closest(origins, directions, skip=ids)
+    distance, found = tree.closest(origins, directions, skip=ids)
+    hit = np.isfinite(expected)
+    # Grazing rays may fall either way: allow one in two hundred to differ.
+    different = (hit != np.isfinite(distance)) | (hit & ~np.isclose(distance, expected, rtol=1e-4, atol=2e-6))
+    assert different.mean() <= 0.005
+    assert (tree.occluded(origins, directions, skip=ids) == (found >= 0)).all()
+
+
+def test_tree_agrees_with_embree():
+    embree = pytest.importorskip("tests.embree_twin")
+    particles = cloud(3000, seed=6, radius=0.02, spread=1.0)
+    spheres = SphereSet.of(particles)
+    rng = np.random.default_rng(7)
+    origins = rng.normal(size=(4000, 3)).astype(np.float32)
+    origins *= (3.0 / np.linalg.norm(origins, axis=1))[:, None]
+    directions = rng.uniform(-0.5, 0.5, (4000, 3)).astype(np.float32) - origins
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    distance, ids = SphereTree(spheres).closest(origins, directions)
+    scene = embree.EmbreeScene(spheres.centers, spheres.radii)
+    twin_distance, twin_ids = np.empty_like(distance), np.empty_like(ids)
+    embree.trace_rays(scene.handle, origins, directions, False, twin_distance, twin_ids)
+    assert (ids == twin_ids).mean() >= 0.998
+    same = (ids == twin_ids) & (ids >= 0)
+    assert same.sum() > 1000
+    np.testing.assert_allclose(distance[same], twin_distance[same], rtol=2e-4)
+
+
+def test_tree_does_not_depend_on_threads():
+    spheres = SphereSet.of(cloud(5000, seed=8, radius=0.01))
+    one, many = SphereTree(spheres, threads=1), SphereTree(spheres, threads=5)
+    for a, b in zip(one.arrays[:4], many.arrays[:4], strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_memory_a_particle():
+    # The issue of memory at 10^8 particles: at most 40 bytes each beyond the data.
+    spheres = SphereSet.of(lattice(30))
+    assert SphereTree(spheres).nbytes / len(spheres) <= 40
+
+
+def test_every_sphere_is_in_exactly_one_leaf():
+    tree = SphereTree(SphereSet.of(cloud(2345, seed=9, spread=2.0)))
+    ids = tree.arrays.ids[tree.arrays.ids >= 0]
+    assert sorted(ids.tolist()) == list(range(2345))
