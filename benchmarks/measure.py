@@ -20,7 +20,14 @@ def machine() -> dict[str, Any]:
     model = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
-        model = next((line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")), model)
+        model = next(
+            (
+                line.split(":", 1)[1].strip()
+                for line in info.read_text().splitlines()
+                if line.startswith("model name")
+            ),
+            model,
+        )
     features = llvm.get_host_cpu_features()
     isa = next((name for name in ("avx512f", "avx2", "neon") if features.get(name)), "scalar")
     if os.environ.get("NUMBA_CPU_NAME"):
@@ -55,7 +62,10 @@ def report(title: str, rows: list[dict[str, Any]], as_json: bool) -> None:
         return
     print(f"# {title} — " + ", ".join(f"{k} {v}" for k, v in machine().items()))
     names = list(dict.fromkeys(k for row in rows for k in row))
-    cells = [[f"{row.get(n, ''):.3g}" if isinstance(row.get(n), float) else str(row.get(n, "")) for n in names] for row in rows]
+    cells = [
+        [f"{row.get(n, ''):.3g}" if isinstance(row.get(n), float) else str(row.get(n, "")) for n in names]
+        for row in rows
+    ]
     widths = [max(len(n), *(len(c[k]) for c in cells)) for k, n in enumerate(names)]
     for line in [names, *cells]:
         print("  ".join(v.ljust(w) for v, w in zip(line, widths, strict=True)).rstrip())

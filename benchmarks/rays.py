@@ -44,7 +44,17 @@ def main() -> None:
         middle, low, high = ratio(seconds["embree"], seconds["ours"])
         own, other = np.median(seconds["ours"]), np.median(seconds["embree"])
         speed = {"ours Mray/s": work / own / 1e6, "embree Mray/s": work / other / 1e6} if work else {}
-        rows.append({"what": what, "ours s": own, "embree s": other, **speed, "embree/ours": middle, "range": f"{low:.2f}-{high:.2f}", **more})
+        rows.append(
+            {
+                "what": what,
+                "ours s": own,
+                "embree s": other,
+                **speed,
+                "embree/ours": middle,
+                "range": f"{low:.2f}-{high:.2f}",
+                **more,
+            }
+        )
 
     row(
         f"build {len(spheres):,} spheres",
@@ -71,11 +81,20 @@ def main() -> None:
             distance = np.empty(ray_count, np.float32)
             parts = [slice(k, k + 16_384) for k in range(0, ray_count, 16_384)]
 
-            def theirs(origins=origins, directions=directions, any_hit=any_hit, distance=distance, found=found, parts=parts) -> None:
+            def theirs(
+                origins=origins,
+                directions=directions,
+                any_hit=any_hit,
+                distance=distance,
+                found=found,
+                parts=parts,
+            ) -> None:
                 with ThreadPoolExecutor(threads) as workers:
                     list(
                         workers.map(
-                            lambda p: embree_twin.trace_rays(embree.handle, origins[p], directions[p], any_hit, distance[p], found[p]),
+                            lambda p: embree_twin.trace_rays(
+                                embree.handle, origins[p], directions[p], any_hit, distance[p], found[p]
+                            ),
                             parts,
                         )
                     )
@@ -84,7 +103,13 @@ def main() -> None:
             ours = method(origins, directions, skip=skip)
             theirs()
             agree = np.mean(ours == (found >= 0)) if any_hit else np.mean((ours[1] >= 0) == (found >= 0))
-            row(f"{what}, {group} particles", lambda m=method, o=origins, d=directions, s=skip: m(o, d, skip=s), theirs, ray_count, remark=f"agree {agree:.4%}")
+            row(
+                f"{what}, {group} particles",
+                lambda m=method, o=origins, d=directions, s=skip: m(o, d, skip=s),
+                theirs,
+                ray_count,
+                remark=f"agree {agree:.4%}",
+            )
 
     side = 512 if chosen.quick else 1024
     world = make_world(scene)
@@ -96,7 +121,16 @@ def main() -> None:
             list(
                 workers.map(
                     lambda y: embree_twin.primary_rays(
-                        embree.handle, eye.origin, eye.right, eye.up, eye.forward, side, side, y, min(y + 32, side), picture
+                        embree.handle,
+                        eye.origin,
+                        eye.right,
+                        eye.up,
+                        eye.forward,
+                        side,
+                        side,
+                        y,
+                        min(y + 32, side),
+                        picture,
                     ),
                     range(0, side, 32),
                 )

@@ -13,7 +13,11 @@ def plate(count: int = 550_000, seed: int = 1) -> luxel.Particles:
     scale = (count / 550_000) ** (1 / 3)
     nx = ny = round(160 * scale)
     nz = round(22 * scale)
-    grid = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 3).astype(float)
+    grid = (
+        np.stack(np.meshgrid(np.arange(nx), np.arange(ny), np.arange(nz), indexing="ij"), -1)
+        .reshape(-1, 3)
+        .astype(float)
+    )
     x, y = grid[:, 0] - nx / 2, grid[:, 1] - ny / 2
     r, angle = np.hypot(x, y), np.arctan2(y, x)
     hole = 18 * scale
@@ -32,4 +36,6 @@ def plate_camera(particles: luxel.Particles) -> luxel.Camera:
     """The view of the plate that the tables use."""
     low, high = particles.bounds
     middle, size = 0.5 * (low + high), high - low
-    return luxel.Camera(middle + size * [0.0, -1.25, 1.1], [middle[0], middle[1], low[2] + 0.1 * size[2]], fov=53.13)
+    return luxel.Camera(
+        middle + size * [0.0, -1.25, 1.1], [middle[0], middle[1], low[2] + 0.1 * size[2]], fov=53.13
+    )

@@ -16,7 +16,9 @@ _SPHERE_POINT, _VERTEX, _FLOAT4 = 50, 1, 0x9004
 _FLOATS = 32  # of an RTCRayHit, padded
 
 _folder = os.path.dirname(embreex.__file__)
-_libraries = glob.glob(os.path.join(_folder + ".libs", "*")) + glob.glob(os.path.join(_folder, ".dylibs", "*"))
+_libraries = glob.glob(os.path.join(_folder + ".libs", "*")) + glob.glob(
+    os.path.join(_folder, ".dylibs", "*")
+)
 ctypes.CDLL(next(p for p in _libraries if "libtbb" in p and "malloc" not in p), ctypes.RTLD_GLOBAL)
 _path = next(p for p in _libraries if "libembree4" in p)
 _embree = ctypes.CDLL(_path, ctypes.RTLD_GLOBAL)
@@ -30,7 +32,16 @@ for _name, _result, _arguments in (
     (
         "rtcSetSharedGeometryBuffer",
         None,
-        [_pointer, ctypes.c_int, ctypes.c_uint, ctypes.c_int, _pointer, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_size_t],
+        [
+            _pointer,
+            ctypes.c_int,
+            ctypes.c_uint,
+            ctypes.c_int,
+            _pointer,
+            ctypes.c_size_t,
+            ctypes.c_size_t,
+            ctypes.c_size_t,
+        ],
     ),
     ("rtcCommitGeometry", None, [_pointer]),
     ("rtcAttachGeometry", ctypes.c_uint, [_pointer, _pointer]),
@@ -121,8 +132,12 @@ def primary_rays(scene, origin, right, up, forward, width, height, first_row, la
     for y in range(first_row, last_row, 4):
         for x in range(0, width, 4):
             for j in range(16):
-                sx = (np.float32(x + (j & 3)) + np.float32(0.5)) / np.float32(width) * np.float32(2) - np.float32(1)
-                sy = np.float32(1) - (np.float32(y + (j >> 2)) + np.float32(0.5)) / np.float32(height) * np.float32(2)
+                sx = (np.float32(x + (j & 3)) + np.float32(0.5)) / np.float32(width) * np.float32(
+                    2
+                ) - np.float32(1)
+                sy = np.float32(1) - (np.float32(y + (j >> 2)) + np.float32(0.5)) / np.float32(
+                    height
+                ) * np.float32(2)
                 dx = forward[0] + sx * right[0] + sy * up[0]
                 dy = forward[1] + sx * right[1] + sy * up[1]
                 dz = forward[2] + sx * right[2] + sy * up[2]

@@ -11,7 +11,9 @@ def cloud(count: int = 200, *, seed: int = 0, radius: float = 0.06, spread: floa
     """Random overlapping spheres in the unit cube; radii over exp(±spread)."""
     rng = np.random.default_rng(seed)
     radii = radius * np.exp(rng.uniform(-spread, spread, count))
-    return luxel.Particles(rng.random((count, 3)), radii, {"value": rng.random(count), "vector": rng.normal(size=(count, 3))})
+    return luxel.Particles(
+        rng.random((count, 3)), radii, {"value": rng.random(count), "vector": rng.normal(size=(count, 3))}
+    )
 
 
 def lattice(edge: int = 4) -> luxel.Particles:
@@ -20,7 +22,9 @@ def lattice(edge: int = 4) -> luxel.Particles:
     return luxel.Particles(grid.astype(float), 0.499)
 
 
-def random_rays(particles: luxel.Particles, count: int, *, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def random_rays(
+    particles: luxel.Particles, count: int, *, seed: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rays that leave random points of random spheres outwards, in normalised units: origins, directions, sphere ids."""
     from luxel.trace.spheres import SphereSet
 

@@ -76,7 +76,9 @@ def as_ids(ids: ArrayLike | None, count: int, what: str = "ids") -> NDArray[np.i
         return np.arange(count, dtype=np.int32)
     values = np.asarray(ids)
     if values.ndim != 1 or (values.size and values.dtype.kind not in "iu"):
-        raise InputError(f"{what} must be a list of whole numbers, got shape {values.shape} and dtype {values.dtype}")
+        raise InputError(
+            f"{what} must be a list of whole numbers, got shape {values.shape} and dtype {values.dtype}"
+        )
     if values.size and (values.min() < 0 or values.max() >= count):
         raise InputError(f"{what} must lie in 0..{count - 1}, got {values.min()}..{values.max()}")
     return np.ascontiguousarray(values, dtype=np.int32)

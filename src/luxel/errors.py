@@ -70,7 +70,9 @@ class FormatError(LuxelError, ValueError):
         What the user can do.
     """
 
-    def __init__(self, path: str | os.PathLike[str], problem: str, *, place: str = "", remedy: str = "") -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], problem: str, *, place: str = "", remedy: str = ""
+    ) -> None:
         where = f"{os.fspath(path)}, {place}" if place else os.fspath(path)
         super().__init__(f"{where}: {problem}" + (f" — {remedy}" if remedy else ""))
         self.path = os.fspath(path)

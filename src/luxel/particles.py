@@ -204,7 +204,7 @@ def estimate_radius(points: NDArray[np.floating[Any]]) -> float:
     points
         (N, 3), any unit; the result has the same.
     """
-    from scipy.spatial import cKDTree  # noqa: PLC0415  kept out of `import luxel`
+    from scipy.spatial import cKDTree
 
     count = len(points)
     if count < 2:

@@ -13,11 +13,11 @@ from luxel.errors import InputError
 
 TEXELS = 4
 TILE_BYTES = TEXELS * TEXELS
-CAPACITY = 8
-COUNT = 14
+CAPACITY = 5
+COUNT = 9
 KEYS = st.sampled_from(["day", "night"])
 CLIENTS = st.sampled_from(["ann", "bob"])
-IDS = st.lists(st.integers(0, COUNT - 1), unique=True, max_size=10)
+IDS = st.lists(st.integers(0, COUNT - 1), unique=True, max_size=6)
 
 
 def ids_of(*values: int) -> np.ndarray:
@@ -177,6 +177,28 @@ def test_the_least_recently_seen_goes_first():
     cache.see("day", ids_of(0))
     cache.publish("day", ids_of(3), tiles_of(3))
     assert cache.lookup("day", ids_of(0, 1, 2, 3))[0].tolist() == [True, False, True, True]
+
+
+def test_a_sighting_counts_even_when_it_is_not_the_latest():
+    cache = make_cache(capacity=3)
+    cache.publish("day", ids_of(0), tiles_of(0))
+    cache.publish("day", ids_of(1, 2), tiles_of(1, 2))
+    cache.see("day", ids_of(0))
+    cache.see("day", ids_of(2))
+    cache.see("day", ids_of())
+    cache.publish("day", ids_of(3), tiles_of(3))
+    assert cache.lookup("day", ids_of(0, 1, 2, 3))[0].tolist() == [True, False, True, True]
+
+
+def test_a_replaced_tile_stays_where_a_snapshot_shows_it():
+    cache = make_cache(capacity=3)
+    cache.publish("day", ids_of(0), tiles_of(10))
+    table = cache.snapshot("day")
+    cache.publish("day", ids_of(0), tiles_of(20))
+    cache.publish("day", ids_of(1), tiles_of(30))
+    cache.publish("day", ids_of(2), tiles_of(40))
+    assert (table.codes[table.slot[0]] == 10).all()
+    assert cache.stats().evicted == 1  # room for the last one came from a tile, not from under the snapshot
 
 
 def test_what_any_client_sees_is_never_evicted():

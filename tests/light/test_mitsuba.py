@@ -20,7 +20,9 @@ def mitsuba():
 
 def mitsuba_radiance(mi, particles, camera, emitters, spp=144):
     data = np.concatenate([particles.positions, particles.radii[:, None]], axis=1)
-    transform = mi.ScalarTransform4f().look_at(origin=list(camera.eye), target=list(camera.target), up=list(camera.up))
+    transform = mi.ScalarTransform4f().look_at(
+        origin=list(camera.eye), target=list(camera.target), up=list(camera.up)
+    )
     scene = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": -1},

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from luxel import Camera, Particles, View
@@ -77,6 +77,7 @@ def test_degenerate_scalars(values, log):
     assert view.colors(data).shape == (2, 3)
 
 
+@settings(deadline=None, derandomize=True)
 @given(
     st.lists(st.floats(width=64, allow_nan=True, allow_infinity=True), min_size=1, max_size=8),
     st.booleans(),

@@ -177,7 +177,7 @@ def build_lights(options: argparse.Namespace, up: str) -> tuple[Light, ...]:
     lights: list[Light] = []
     if options.sky is None:
         lights.append(sky)
-    elif max(options.sky) > 0:
+    elif any(options.sky):  # a negative level is refused by Sky
         level, *ground = options.sky
         lights.append(Sky(level, ground[0] if ground else None, axis=up_frame(up)[2]))  # type: ignore[arg-type]
     if options.sun is None:

@@ -75,7 +75,12 @@ def kernel(function: Callable[..., Any] | None = None, *, inline: bool = False) 
         numba.config.CACHE_DIR = str(cache_folder)
         try:
             return numba.njit(
-                nogil=True, cache=True, fastmath=_FAST, error_model="numpy", forceinline=inline, boundscheck=False
+                nogil=True,
+                cache=True,
+                fastmath=_FAST,
+                error_model="numpy",
+                forceinline=inline,
+                boundscheck=False,
             )(body)
         finally:
             numba.config.CACHE_DIR = before

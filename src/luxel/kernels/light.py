@@ -65,10 +65,14 @@ def _light_distance(lights, ox, oy, oz, dx, dy, dz):
                 hx, hy, hz = t * dx - ex, t * dy - ey, t * dz - ez
                 # Coordinates in the (skewed) basis of the edges, by their cross products with the normal.
                 u = (
-                    hx * (q[7] * q[11] - q[8] * q[10]) + hy * (q[8] * q[9] - q[6] * q[11]) + hz * (q[6] * q[10] - q[7] * q[9])
+                    hx * (q[7] * q[11] - q[8] * q[10])
+                    + hy * (q[8] * q[9] - q[6] * q[11])
+                    + hz * (q[6] * q[10] - q[7] * q[9])
                 ) / q[12]
                 v = (
-                    hx * (q[10] * q[5] - q[11] * q[4]) + hy * (q[11] * q[3] - q[9] * q[5]) + hz * (q[9] * q[4] - q[10] * q[3])
+                    hx * (q[10] * q[5] - q[11] * q[4])
+                    + hy * (q[11] * q[3] - q[9] * q[5])
+                    + hz * (q[9] * q[4] - q[10] * q[3])
                 ) / q[12]
                 if 0 <= u <= 1 and 0 <= v <= 1:
                     nearest = t
@@ -131,7 +135,11 @@ def direct_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, stat
         q = lights.quads[k]
         state = next_state(state)
         u, v = uniform(state)
-        ex, ey, ez = q[0] + u * q[3] + v * q[6] - px, q[1] + u * q[4] + v * q[7] - py, q[2] + u * q[5] + v * q[8] - pz
+        ex, ey, ez = (
+            q[0] + u * q[3] + v * q[6] - px,
+            q[1] + u * q[4] + v * q[7] - py,
+            q[2] + u * q[5] + v * q[8] - pz,
+        )
         d2 = ex * ex + ey * ey + ez * ez
         d = np.sqrt(d2)
         if d <= 0:
@@ -139,7 +147,11 @@ def direct_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, stat
         dx, dy, dz = ex / d, ey / d, ez / d
         c = nx * dx + ny * dy + nz * dz
         facing = -(q[9] * dx + q[10] * dy + q[11] * dz)
-        if c > 0 and facing > 0 and not _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, d, skip):
+        if (
+            c > 0
+            and facing > 0
+            and not _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, d, skip)
+        ):
             total += q[13] * c * facing * q[12] * _INV_PI / d2
     return total, state
 

@@ -13,7 +13,16 @@ from luxel.kernels.simd import LANES, any_lane, bits, load, splat, splat_int, tr
 from luxel.kernels.tree_trace import Tree, occluded, scratch, trace
 from luxel.kernels.warp import cosine_direction, latlong_direction
 
-__all__ = ["AO", "INTERREFLECTION", "LAMBERTIAN", "SHADOWS", "World", "buried", "luminance_at", "sample_texels"]
+__all__ = [
+    "AO",
+    "INTERREFLECTION",
+    "LAMBERTIAN",
+    "SHADOWS",
+    "World",
+    "buried",
+    "luminance_at",
+    "sample_texels",
+]
 
 LAMBERTIAN, SHADOWS, AO, INTERREFLECTION = 0, 1, 2, 3
 
@@ -50,7 +59,9 @@ def buried(tree, work, x, y, z, skip):
         node = stack[height]
         if node >= 0:
             o = node * (6 * LANES)
-            inside = (load(nodes, o) <= vx) & (load(nodes, o + LANES) <= vy) & (load(nodes, o + 2 * LANES) <= vz)
+            inside = (
+                (load(nodes, o) <= vx) & (load(nodes, o + LANES) <= vy) & (load(nodes, o + 2 * LANES) <= vz)
+            )
             inside = inside & (load(nodes, o + 3 * LANES) >= vx) & (load(nodes, o + 4 * LANES) >= vy)
             m = bits(inside & (load(nodes, o + 5 * LANES) >= vz))
             while m != 0:
@@ -59,7 +70,11 @@ def buried(tree, work, x, y, z, skip):
                 m &= m - 1
         else:
             o = ~node * (4 * LANES)
-            cx, cy, cz = load(spheres, o) - vx, load(spheres, o + LANES) - vy, load(spheres, o + 2 * LANES) - vz
+            cx, cy, cz = (
+                load(spheres, o) - vx,
+                load(spheres, o + LANES) - vy,
+                load(spheres, o + 2 * LANES) - vz,
+            )
             within = cx * cx + cy * cy + cz * cz < load(spheres, o + 3 * LANES) * np.float32(0.9999)
             if any_lane(within & (load(ids, ~node * LANES) != splat_int(skip))):
                 return True
@@ -148,5 +163,7 @@ def sample_texels(world, ids, grid, mean, variance, exposed):
                     total2 += value * value
                     count += 1
                 mean[k, row, column] = total / count if count > 0 else 0.0
-                variance[k, row, column] = max(0.0, total2 - total * total / count) / (count - 1) if count > 1 else 0.0
+                variance[k, row, column] = (
+                    max(0.0, total2 - total * total / count) / (count - 1) if count > 1 else 0.0
+                )
                 exposed[k, row, column] = count

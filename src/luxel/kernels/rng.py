@@ -45,4 +45,6 @@ def next_state(state):
 def uniform(state):
     """Two numbers in [0, 1) for the present counter (float32 each)."""
     z = _mix(state)
-    return np.float32(z >> np.uint64(40)) * _UNIT, np.float32((z >> np.uint64(8)) & np.uint64(0xFFFFFF)) * _UNIT
+    return np.float32(z >> np.uint64(40)) * _UNIT, np.float32(
+        (z >> np.uint64(8)) & np.uint64(0xFFFFFF)
+    ) * _UNIT

@@ -37,14 +37,22 @@ def bilinear(codes, decoding, slot, nx, ny, nz):
     column, row = int(np.floor(x)), int(np.floor(y))
     a, b = x - np.float32(column), y - np.float32(row)
     column += texels  # keeps the remainder positive left of column 0
-    top = (_ONE - a) * _texel(codes, decoding, slot, row, column) + a * _texel(codes, decoding, slot, row, column + 1)
-    low = (_ONE - a) * _texel(codes, decoding, slot, row + 1, column) + a * _texel(codes, decoding, slot, row + 1, column + 1)
+    top = (_ONE - a) * _texel(codes, decoding, slot, row, column) + a * _texel(
+        codes, decoding, slot, row, column + 1
+    )
+    low = (_ONE - a) * _texel(codes, decoding, slot, row + 1, column) + a * _texel(
+        codes, decoding, slot, row + 1, column + 1
+    )
     return (_ONE - b) * top + b * low
 
 
 @kernel(inline=True)
 def _hit_normal(centers, sphere, ox, oy, oz, dx, dy, dz, t):
-    nx, ny, nz = ox + t * dx - centers[sphere, 0], oy + t * dy - centers[sphere, 1], oz + t * dz - centers[sphere, 2]
+    nx, ny, nz = (
+        ox + t * dx - centers[sphere, 0],
+        oy + t * dy - centers[sphere, 1],
+        oz + t * dz - centers[sphere, 2],
+    )
     scale = _ONE / np.sqrt(nx * nx + ny * ny + nz * nz)
     return nx * scale, ny * scale, nz * scale
 
@@ -58,7 +66,9 @@ def _add(total, colors, sphere, luminance):
 
 
 @kernel
-def shade_textures(world, eye, shift_x, shift_y, first_row, last_row, distance, ids, slot, codes, decoding, colors, total):
+def shade_textures(
+    world, eye, shift_x, shift_y, first_row, last_row, distance, ids, slot, codes, decoding, colors, total
+):
     """Add rows [first_row, last_row) to `total` (H, W, 5): luminance times colour, luminance, coverage.
 
     Particles without a texture (slot -1) are shaded by closed-form Lambert.
@@ -69,7 +79,9 @@ def shade_textures(world, eye, shift_x, shift_y, first_row, last_row, distance, 
             sphere = ids[y, x]
             if sphere < 0:
                 continue
-            ox, oy, oz, dx, dy, dz = primary_ray(eye, np.float32(x) + shift_x, np.float32(y) + shift_y, width, height)
+            ox, oy, oz, dx, dy, dz = primary_ray(
+                eye, np.float32(x) + shift_x, np.float32(y) + shift_y, width, height
+            )
             nx, ny, nz = _hit_normal(world.centers, sphere, ox, oy, oz, dx, dy, dz, distance[y, x])
             s = slot[sphere]
             if s >= 0:
@@ -84,7 +96,9 @@ def shade_textures(world, eye, shift_x, shift_y, first_row, last_row, distance, 
 
 
 @kernel
-def shade_pixels(world, eye, shift_x, shift_y, first_row, last_row, distance, ids, samples, first_sample, colors, total):
+def shade_pixels(
+    world, eye, shift_x, shift_y, first_row, last_row, distance, ids, samples, first_sample, colors, total
+):
     """Add rows [first_row, last_row) to `total` as `shade_textures` does, path tracing `samples` times at every hit."""
     work = scratch(world.tree.stack_size)
     height, width = ids.shape
@@ -93,7 +107,9 @@ def shade_pixels(world, eye, shift_x, shift_y, first_row, last_row, distance, id
             sphere = ids[y, x]
             if sphere < 0:
                 continue
-            ox, oy, oz, dx, dy, dz = primary_ray(eye, np.float32(x) + shift_x, np.float32(y) + shift_y, width, height)
+            ox, oy, oz, dx, dy, dz = primary_ray(
+                eye, np.float32(x) + shift_x, np.float32(y) + shift_y, width, height
+            )
             nx, ny, nz = _hit_normal(world.centers, sphere, ox, oy, oz, dx, dy, dz, distance[y, x])
             r = world.radii[sphere]
             px = world.centers[sphere, 0] + r * nx

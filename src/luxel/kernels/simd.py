@@ -102,7 +102,12 @@ def _arithmetic(name):
     return lambda builder, a, b: getattr(builder, name)(a, b, flags=_FLAGS)
 
 
-for _op, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"), (operator.truediv, "fdiv")):
+for _op, _name in (
+    (operator.add, "fadd"),
+    (operator.sub, "fsub"),
+    (operator.mul, "fmul"),
+    (operator.truediv, "fdiv"),
+):
     _operate(_op, F32, F32, _arithmetic(_name))
 for _op, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
     _operate(_op, F32, MASK, lambda b, x, y, s=_sign: b.fcmp_ordered(s, x, y))
@@ -124,7 +129,9 @@ def _negate(context, builder, sig, args):
 
 
 def _call(builder, name, result, args):
-    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(result, [a.type for a in args]), name)
+    function = cgutils.get_or_insert_function(
+        builder.module, ir.FunctionType(result, [a.type for a in args]), name
+    )
     return builder.call(function, args)
 
 
@@ -178,7 +185,9 @@ def _ternary(name, negate):
     def operation(typingctx, a, b, c):
         def emit(context, builder, sig, args):
             x, y, z = args
-            return _call(builder, f"llvm.fma.v{LANES}f32", F32.vector, [builder.fneg(x) if negate else x, y, z])
+            return _call(
+                builder, f"llvm.fma.v{LANES}f32", F32.vector, [builder.fneg(x) if negate else x, y, z]
+            )
 
         return F32(F32, F32, F32), emit
 
@@ -193,7 +202,9 @@ fnma = _ternary("fnma", negate=True)  # c - a*b
 def _unary(name, intrinsic_name):
     @intrinsic
     def operation(typingctx, a):
-        return F32(F32), lambda context, builder, sig, args: _call(builder, intrinsic_name, F32.vector, list(args))
+        return F32(F32), lambda context, builder, sig, args: _call(
+            builder, intrinsic_name, F32.vector, list(args)
+        )
 
     operation.__name__ = name
     return operation

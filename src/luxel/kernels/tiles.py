@@ -8,7 +8,21 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.simd import (
-    LANES, any_lane, bits, fma, fnma, lane_max, load, select, splat, splat_int, store, trailing_zeros, vmax, vmin, vsqrt,
+    LANES,
+    any_lane,
+    bits,
+    fma,
+    fnma,
+    lane_max,
+    load,
+    select,
+    splat,
+    splat_int,
+    store,
+    trailing_zeros,
+    vmax,
+    vmin,
+    vsqrt,
 )  # fmt: skip
 
 __all__ = ["TILE", "Eye", "primary_ray", "primary_tiles"]
@@ -128,12 +142,24 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
                             ),
                         )  # fmt: skip
                         inside = vmin(inside, reach)
-                    lx, ly, lz = load(nodes, o) - ox, load(nodes, o + LANES) - oy, load(nodes, o + 2 * LANES) - oz
-                    hx, hy, hz = load(nodes, o + 3 * LANES) - ox, load(nodes, o + 4 * LANES) - oy, load(nodes, o + 5 * LANES) - oz
+                    lx, ly, lz = (
+                        load(nodes, o) - ox,
+                        load(nodes, o + LANES) - oy,
+                        load(nodes, o + 2 * LANES) - oz,
+                    )
+                    hx, hy, hz = (
+                        load(nodes, o + 3 * LANES) - ox,
+                        load(nodes, o + 4 * LANES) - oy,
+                        load(nodes, o + 5 * LANES) - oz,
+                    )
                     if ortho:
                         ahead = vmin(lx * fx, hx * fx) + vmin(ly * fy, hy * fy) + vmin(lz * fz, hz * fz)
                     else:
-                        ax, ay, az = vmax(zero, vmax(lx, -hx)), vmax(zero, vmax(ly, -hy)), vmax(zero, vmax(lz, -hz))
+                        ax, ay, az = (
+                            vmax(zero, vmax(lx, -hx)),
+                            vmax(zero, vmax(ly, -hy)),
+                            vmax(zero, vmax(lz, -hz)),
+                        )
                         ahead = vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
                     m = bits((inside >= slack) & (ahead < limit))
                     if m != 0:
@@ -179,7 +205,12 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
                         while m != 0:
                             k = trailing_zeros(m)
                             m &= m - 1
-                            sx, sy, sz, sr2 = lanes[k], lanes[LANES + k], lanes[2 * LANES + k], lanes[3 * LANES + k]
+                            sx, sy, sz, sr2 = (
+                                lanes[k],
+                                lanes[LANES + k],
+                                lanes[2 * LANES + k],
+                                lanes[3 * LANES + k],
+                            )
                             me = splat_int(np.int32(~current * LANES + k))
                             ex, ey, ez = splat(sx - ox), splat(sy - oy), splat(sz - oz)
                             for v in range(0, _RAYS, LANES):
@@ -187,7 +218,11 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
                                     ex = sx - load(rays, v)
                                     ey = sy - load(rays, _RAYS + v)
                                     ez = sz - load(rays, 2 * _RAYS + v)
-                                dx, dy, dz = load(rays, 3 * _RAYS + v), load(rays, 4 * _RAYS + v), load(rays, 5 * _RAYS + v)
+                                dx, dy, dz = (
+                                    load(rays, 3 * _RAYS + v),
+                                    load(rays, 4 * _RAYS + v),
+                                    load(rays, 5 * _RAYS + v),
+                                )
                                 b = fma(dx, ex, fma(dy, ey, dz * ez))
                                 px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
                                 disc = fnma(px, px, fnma(py, py, fnma(pz, pz, splat(sr2))))
@@ -200,7 +235,12 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
                                     store(slot, v, select(hit, me, load(slot, v)))
                                     changed = True
                         if changed:
-                            limit = lane_max(vmax(vmax(load(best, 0), load(best, LANES)), vmax(load(best, 2 * LANES), load(best, 3 * LANES))))
+                            limit = lane_max(
+                                vmax(
+                                    vmax(load(best, 0), load(best, LANES)),
+                                    vmax(load(best, 2 * LANES), load(best, 3 * LANES)),
+                                )
+                            )
                 while height_of_stack > 0 and near[height_of_stack - 1] >= limit:
                     height_of_stack -= 1
                 if height_of_stack == 0:

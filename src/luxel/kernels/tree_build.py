@@ -103,7 +103,9 @@ def _cut(centers, radii, order, first, last, bounds, work, left_box, right_box):
     for b in range(BINS - 1, 0, -1):
         _grow(right_box, bins[b])
         total += counts[b]
-        right_cost[b] = _half_area(right_box) * np.float32((total + LANES - 1) // LANES) if total > 0 else np.float32(0)
+        right_cost[b] = (
+            _half_area(right_box) * np.float32((total + LANES - 1) // LANES) if total > 0 else np.float32(0)
+        )
     total = 0
     _clear(left_box)
     best, cut = _BIG, -1
@@ -136,7 +138,9 @@ def _cut(centers, radii, order, first, last, bounds, work, left_box, right_box):
 
 
 @kernel
-def build_subtree(centers, radii, order, first, last, root, start_depth, task_size, boxes, left, right, begin, end, depth):
+def build_subtree(
+    centers, radii, order, first, last, root, start_depth, task_size, boxes, left, right, begin, end, depth
+):
     """Build the binary tree of [first, last) at slot `root`; ranges of at most `task_size` stay OPEN (0: none).
 
     A depth of 0 means that the root's box is not known yet. Returns the number of slots used.
@@ -221,7 +225,11 @@ def collapse(boxes, left, right, begin, end, leaves, root, nodes, child, leaf_be
                 for q in range(count):
                     c = open_nodes[q]
                     if left[c] >= 0 and leaves[c] - 1 <= LANES - count:
-                        ex, ey, ez = boxes[c, 3] - boxes[c, 0], boxes[c, 4] - boxes[c, 1], boxes[c, 5] - boxes[c, 2]
+                        ex, ey, ez = (
+                            boxes[c, 3] - boxes[c, 0],
+                            boxes[c, 4] - boxes[c, 1],
+                            boxes[c, 5] - boxes[c, 2],
+                        )
                         area = ex * ey + ey * ez + ez * ex
                         if area > largest:
                             largest, pick = area, q

@@ -8,7 +8,21 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.simd import (
-    LANES, any_lane, bits, fma, fnma, lane_min, load, select, splat, splat_int, store, trailing_zeros, vmax, vmin, vsqrt,
+    LANES,
+    any_lane,
+    bits,
+    fma,
+    fnma,
+    lane_min,
+    load,
+    select,
+    splat,
+    splat_int,
+    store,
+    trailing_zeros,
+    vmax,
+    vmin,
+    vsqrt,
 )  # fmt: skip
 
 __all__ = ["Tree", "occluded", "scratch", "trace", "trace_rays"]

@@ -27,12 +27,23 @@ def pack_lights(scene: Scene, spheres: SphereSet) -> Lights:
                 half = math.radians(light.angular_diameter) / 2
                 suns.append((*np.asarray(light.direction), light.level, math.sin(half), math.cos(half)))
             case SphereLight():
-                globes.append((*spheres.to_unit(light.center), spheres.length_to_unit(light.radius), light.level))
+                globes.append(
+                    (*spheres.to_unit(light.center), spheres.length_to_unit(light.radius), light.level)
+                )
             case QuadLight():
                 edges = np.asarray([light.edge_u, light.edge_v]) / spheres.unit
                 normal = np.cross(edges[0], edges[1])
                 area = float(np.linalg.norm(normal))
-                quads.append((*spheres.to_unit(light.corner), *edges[0], *edges[1], *(normal / area), area, light.level))
+                quads.append(
+                    (
+                        *spheres.to_unit(light.corner),
+                        *edges[0],
+                        *edges[1],
+                        *(normal / area),
+                        area,
+                        light.level,
+                    )
+                )
     return Lights(
         sky,
         np.array(suns, np.float32).reshape(-1, 6),

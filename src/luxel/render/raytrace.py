@@ -111,11 +111,13 @@ def render(
         draw_textures(world, eye, shifts, table, colors, total, workers)
     picture = np.empty((height, width, 3), np.float32)
     background = srgb_to_linear(rgb(view.background)).astype(np.float32)
-    shade.develop(total, len(shifts), np.float32(view.exposure), np.float32(scene_white(scene)), background, picture)
+    shade.develop(
+        total, len(shifts), np.float32(view.exposure), np.float32(scene_white(scene)), background, picture
+    )
     pixels = (linear_to_srgb(picture) * 255 + 0.5).astype(np.uint8)
     distance, ids = trace_primary(world, eye, width, height, (0.5, 0.5), workers)
     if colorbar and view.color_by is not None:
-        from luxel.render.colorbar import draw_colorbar  # noqa: PLC0415  fonts and ticks load only when drawn
+        from luxel.render.colorbar import draw_colorbar
 
         pixels = draw_colorbar(pixels, view, scene.particles)
     return Image(pixels, ids, distance * np.float32(SphereSet.of(scene.particles).unit))
@@ -153,7 +155,16 @@ def trace_primary(
 
     def band(row: int) -> None:
         tiles.primary_tiles(
-            world.tree, eye, width, height, np.float32(shift[0]), np.float32(shift[1]), row, min(row + _BAND, height), distance, ids
+            world.tree,
+            eye,
+            width,
+            height,
+            np.float32(shift[0]),
+            np.float32(shift[1]),
+            row,
+            min(row + _BAND, height),
+            distance,
+            ids,
         )
 
     run_parts(band, range(0, height, _BAND), threads)
@@ -179,7 +190,18 @@ def draw_textures(
             shift = np.float32(x), np.float32(y)
             tiles.primary_tiles(world.tree, eye, width, height, *shift, row, last, distance, ids)
             shade.shade_textures(
-                world, eye, *shift, row, last, distance, ids, table.slot, table.codes, table.decoding, colors, total
+                world,
+                eye,
+                *shift,
+                row,
+                last,
+                distance,
+                ids,
+                table.slot,
+                table.codes,
+                table.decoding,
+                colors,
+                total,
             )
 
     run_parts(band, range(0, height, _BAND), threads)
@@ -201,7 +223,13 @@ def _draw_pixels(
         distance, ids = trace_primary(world, eye, width, height, shift, threads)
         x, y = np.float32(shift[0]), np.float32(shift[1])
 
-        def band(row: int, k: int = k, x: np.float32 = x, y: np.float32 = y, hits: tuple[NDArray[np.float32], NDArray[np.int32]] = (distance, ids)) -> None:
+        def band(
+            row: int,
+            k: int = k,
+            x: np.float32 = x,
+            y: np.float32 = y,
+            hits: tuple[NDArray[np.float32], NDArray[np.int32]] = (distance, ids),
+        ) -> None:
             nonlocal done
             last = min(row + tiles.TILE, height)
             shade.shade_pixels(world, eye, x, y, row, last, *hits, samples, k * samples, colors, total)
@@ -239,7 +267,9 @@ def _table(
         return TextureTable(none, np.zeros((1, 16, 16), np.uint8), decoding_table(1.0, "linear"))
     spec = TextureSpec(samples=9 if samples is None else samples, mode=mode, seed=seed)
     visible = _visible(world, eye, *size, shifts, threads)
-    return bake_with(Baker(scene, spec), visible, progress=progress, threads=threads).snapshot(light_key(scene, spec))
+    return bake_with(Baker(scene, spec), visible, progress=progress, threads=threads).snapshot(
+        light_key(scene, spec)
+    )
 
 
 def _visible(
@@ -247,7 +277,9 @@ def _visible(
 ) -> NDArray[np.int32]:
     seen = np.zeros(len(world.radii) + 1, np.bool_)
     for shift in shifts:
-        seen[trace_primary(world, eye, width, height, shift, threads)[1]] = True  # -1 marks the spare last entry
+        seen[trace_primary(world, eye, width, height, shift, threads)[1]] = (
+            True  # -1 marks the spare last entry
+        )
     return np.flatnonzero(seen[:-1]).astype(np.int32)
 
 
@@ -262,5 +294,7 @@ def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
     except (TypeError, ValueError):
         raise InputError(f"size must be (width, height), got {size!r}") from None
     if width < 1 or height < 1 or width * height > _MOST_PIXELS:
-        raise InputError(f"size must be at least 1x1 and at most {_MOST_PIXELS} pixels in all, got {width}x{height}")
+        raise InputError(
+            f"size must be at least 1x1 and at most {_MOST_PIXELS} pixels in all, got {width}x{height}"
+        )
     return width, height

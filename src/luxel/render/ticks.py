@@ -62,12 +62,8 @@ def _log_values(low: float, high: float, count: int) -> list[float]:
         stride = math.ceil(decades / (count + 1))
         return [10.0**k for k in range(first, last + 1, stride)]
     # Under three decades powers of ten are too few.
-    return [
-        m * 10.0**k
-        for k in range(first - 1, last + 1)
-        for m in (1, 2, 5)
-        if low <= m * 10.0**k * (1 + 1e-9) <= high * (1 + 2e-9)
-    ]
+    values = [m * 10.0**k for k in range(first - 1, last + 1) for m in (1, 2, 5)]
+    return [value for value in values if low * (1 - 1e-9) <= value < math.inf and value * (1 - 1e-9) <= high]
 
 
 def _log_labels(values: list[float]) -> list[str]:

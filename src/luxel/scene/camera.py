@@ -89,7 +89,9 @@ class Camera:
         size = float(np.linalg.norm(high - low)) or 1.0
         probe = cls(target + towards * size, target, up=frame[2], fov=fov)
         right, upward, forward = probe.basis()
-        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        corners = np.array(
+            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        )
         offset = corners - target
         across, along, depth = offset @ right, offset @ upward, offset @ forward
         margin = 1.06
@@ -97,5 +99,8 @@ class Camera:
             height = 2 * margin * max(float(np.abs(along).max()), float(np.abs(across).max()) / aspect) or 1.0
             return cls(target + towards * 2 * size, target, up=frame[2], fov=fov, height=height)
         slope = math.tan(math.radians(fov) / 2) / margin
-        distance = max(float((np.abs(along) / slope - depth).max()), float((np.abs(across) / (slope * aspect) - depth).max()))
+        distance = max(
+            float((np.abs(along) / slope - depth).max()),
+            float((np.abs(across) / (slope * aspect) - depth).max()),
+        )
         return cls(target + towards * max(distance, 1e-3 * size), target, up=frame[2], fov=fov)

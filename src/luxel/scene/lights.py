@@ -16,7 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 from luxel.arrays import as_vector
 from luxel.errors import InputError
 
-__all__ = ["Light", "QuadLight", "Sky", "SphereLight", "Sun", "Up", "default_lights", "sun_direction", "up_frame"]
+__all__ = [
+    "Light",
+    "QuadLight",
+    "Sky",
+    "SphereLight",
+    "Sun",
+    "Up",
+    "default_lights",
+    "sun_direction",
+    "up_frame",
+]
 
 Up = Literal["x", "y", "z"]
 

@@ -55,13 +55,17 @@ class Scene:
 
     def __post_init__(self) -> None:
         if not isinstance(self.particles, Particles):
-            raise InputError(f"a Scene needs Particles, got {type(self.particles).__name__} — luxel.open(...)[0] gives some")
+            raise InputError(
+                f"a Scene needs Particles, got {type(self.particles).__name__} — luxel.open(...)[0] gives some"
+            )
         if len(self.particles) == 0:
             raise InputError("no particles: nothing to light or draw — choose another frame")
         lights = default_lights() if self.lights is None else tuple(self.lights)
         for light in lights:
             if not isinstance(light, Sky | Sun | SphereLight | QuadLight):
-                raise InputError(f"a light must be Sky, Sun, SphereLight or QuadLight, got {type(light).__name__}")
+                raise InputError(
+                    f"a light must be Sky, Sun, SphereLight or QuadLight, got {type(light).__name__}"
+                )
         if sum(isinstance(light, Sky) for light in lights) > 1:
             raise InputError("a scene has at most one Sky")
         if self.model not in MODELS:
@@ -97,7 +101,10 @@ class Scene:
 
 
 def _describe(light: Light) -> tuple[Any, ...]:
-    return (type(light).__name__, *(np.asarray(getattr(light, f.name), dtype=object).tolist() for f in fields(light)))
+    return (
+        type(light).__name__,
+        *(np.asarray(getattr(light, f.name), dtype=object).tolist() for f in fields(light)),
+    )
 
 
 def _particles_digest(particles: Particles) -> bytes:

@@ -25,8 +25,8 @@ Progress = Callable[[int, int], None]
 
 _BATCH_COUNT = 32
 # The filter learns from this many lit textures, sampled this much better than the request.
-_TRAINING_COUNT = 768
-_TRAINING_SAMPLES = 9
+_TRAINING_COUNT = 512
+_TRAINING_SAMPLES = 4
 _TRAINING_CANDIDATES = 16_384
 _LIT = 0.02
 
@@ -94,7 +94,9 @@ class Baker:
     def _learn(self, threads: int) -> TextureFilter:
         """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
         count = len(self.scene.particles)
-        order = np.random.default_rng(self.spec.seed).permutation(count)[:_TRAINING_CANDIDATES].astype(np.int32)
+        order = (
+            np.random.default_rng(self.spec.seed).permutation(count)[:_TRAINING_CANDIDATES].astype(np.int32)
+        )
         lit: list[NDArray[np.int32]] = []
         found = 0
         for start in range(0, len(order), 2048):
@@ -104,7 +106,7 @@ class Baker:
             found += len(lit[-1])
             if found >= _TRAINING_COUNT:
                 break
-        chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[: _TRAINING_COUNT]
+        chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
         parts = self._sample_all(chosen, max(_TRAINING_SAMPLES, self.spec.samples), threads)
         mean, variance, exposed = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         return TextureFilter.learn(mean, variance, exposed)
@@ -155,7 +157,9 @@ def bake(
         For options out of range or ids that the scene does not have.
     """
     spec = TextureSpec(texels, samples, mode, seed, max_bounces)
-    return bake_with(Baker(scene, spec), as_ids(ids, len(scene.particles)), progress=progress, threads=threads)
+    return bake_with(
+        Baker(scene, spec), as_ids(ids, len(scene.particles)), progress=progress, threads=threads
+    )
 
 
 def bake_with(
@@ -173,7 +177,9 @@ def bake_with(
         pending = {pool.submit(baker.bake_into, ids[part], codes[part]): part for part in parts}
         while pending:
             # A time-out keeps the main thread responsive to Ctrl-C.
-            finished, _ = wait(pending, timeout=0.2, return_when=FIRST_EXCEPTION if progress is None else "FIRST_COMPLETED")
+            finished, _ = wait(
+                pending, timeout=0.2, return_when=FIRST_EXCEPTION if progress is None else "FIRST_COMPLETED"
+            )
             for job in finished:
                 part = pending.pop(job)
                 clipped += job.result()
@@ -182,5 +188,6 @@ def bake_with(
                 progress(done, count)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-    return LuminanceTextures(ids, codes, baker.scale, baker.encoding, len(baker.scene.particles), baker.key, clipped)
-
+    return LuminanceTextures(
+        ids, codes, baker.scale, baker.encoding, len(baker.scene.particles), baker.key, clipped
+    )

@@ -51,7 +51,9 @@ class TextureSpec:
         root = math.isqrt(self.samples) if isinstance(self.samples, int) and self.samples > 0 else 0
         if root == 0 or root * root != self.samples:
             near = f"; the nearest squares are {root * root or 1} and {(root + 1) ** 2}" if root else ""
-            raise InputError(f"samples must be a positive square number (n x n jittered), got {self.samples}{near}")
+            raise InputError(
+                f"samples must be a positive square number (n x n jittered), got {self.samples}{near}"
+            )
         if self.mode not in get_args(Mode):
             raise InputError(f"mode must be paper or fast, got {self.mode!r}")
         if not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:

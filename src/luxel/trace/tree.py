@@ -102,7 +102,14 @@ class SphereTree:
 
         def run(part: slice) -> None:
             tree_trace.trace_rays(
-                self.arrays, origins[part], directions[part], limits[part], skips[part], any_hit, distance[part], ids[part]
+                self.arrays,
+                origins[part],
+                directions[part],
+                limits[part],
+                skips[part],
+                any_hit,
+                distance[part],
+                ids[part],
             )
 
         run_parts(run, [slice(k, k + _RAYS_A_TASK) for k in range(0, count, _RAYS_A_TASK)], self.threads)
@@ -149,7 +156,10 @@ def _build(centers: NDArray[np.float32], radii: NDArray[np.float32], threads: in
     _count_top(left, right, leaves, top, used, {int(t) for t in tasks})
     leaf_capacity = int(leaves[top])
     node_capacity = leaf_capacity + 1
-    nodes, child = np.empty((node_capacity, 6 * LANES), np.float32), np.empty((node_capacity, LANES), np.int32)
+    nodes, child = (
+        np.empty((node_capacity, 6 * LANES), np.float32),
+        np.empty((node_capacity, LANES), np.int32),
+    )
     leaf_begin, leaf_end = np.empty(leaf_capacity, np.int32), np.empty(leaf_capacity, np.int32)
     node_count, leaf_count, levels = tree_build.collapse(
         boxes, left, right, begin, end, leaves, top, nodes, child, leaf_begin, leaf_end

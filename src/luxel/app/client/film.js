@@ -7,6 +7,8 @@ const SAMPLES = 16;
 const REST_MS = 180;
 const SLOW_MS = 60; // a frame slower than this is drawn smaller while the camera moves
 const SWEEP_MS = 90; // between looks for visible particles while it moves
+const MOVING_STEP = 4;
+const SWEEP_PIXELS = 1_500_000; // of a picture that is read back whole
 const SMOOTH_MS = 120; // time to spend on a smoother picture before new light is shown
 
 /** @param {number} k @param {number} base */
@@ -20,10 +22,15 @@ function halton(k, base) {
 }
 
 export class Film {
-  /** @param {import("./renderer.js").Renderer} renderer @param {(data: Uint32Array, stride: number, epoch: number) => void} onSweep */
-  constructor(renderer, onSweep) {
+  /**
+   * @param {import("./renderer.js").Renderer} renderer
+   * @param {(data: Uint32Array, stride: number, epoch: number) => void} onSweep
+   * @param {() => Int32Array} visible all ids that sweeps found since the camera moved
+   */
+  constructor(renderer, onSweep, visible) {
     this.renderer = renderer;
     this.onSweep = onSweep;
+    this.visible = visible;
     /** @type {Camera | null} */
     this.camera = null;
     this.epoch = 0;
@@ -34,19 +41,21 @@ export class Film {
     this.pass = null;
     /** @type {Pass | null} */
     this.shown = null;
-    this.swept = 0;
     this.sweptAt = 0;
+    // Sweeps since the camera moved: of the picture without shift, and of how many shifted ones after it.
+    this.central = 0;
+    this.shifted = 0;
+    this.listed = { central: false, all: false };
   }
 
   /** @param {Camera} camera */
   setCamera(camera) {
     this.camera = camera;
-    this.epoch++;
-    this.swept = 0;
     this.restAt = performance.now() + REST_MS;
+    this.forget();
   }
 
-  /** Light, colours or particles changed. */
+  /** Light or colours changed. */
   lightChanged() {
     this.light++;
   }
@@ -56,22 +65,32 @@ export class Film {
     this.tone = true;
   }
 
-  /** The canvas changed its size: nothing drawn is left. */
+  /** Canvas or particles changed: nothing drawn is of use. */
   restart() {
     this.pass = null;
     this.shown = null;
+    this.forget();
+  }
+
+  forget() {
     this.epoch++;
-    this.swept = 0;
+    this.central = 0;
+    this.shifted = 0;
+    this.listed = { central: false, all: false };
   }
 
-  get sweepStep() {
-    const { width, height } = this.renderer.canvas;
-    return width * height <= 120_000 ? 1 : width * height <= 500_000 ? 2 : 4;
+  get restStep() {
+    return this.renderer.canvas.width * this.renderer.canvas.height <= SWEEP_PIXELS ? 1 : 2;
   }
 
-  /** Whether all that is visible has been looked at since the camera moved. */
+  /** Whether all that the rays through pixel centres meet is known. */
+  get centralKnown() {
+    return this.central >= this.restStep ** 2;
+  }
+
+  /** Whether all that is visible, between the pixel centres too, is known. */
   get settled() {
-    return this.swept >= this.sweepStep ** 2 && !this.renderer.readback.pending;
+    return this.centralKnown && this.shifted >= SAMPLES - 1 && !this.renderer.readback.pending;
   }
 
   /** Draw the next piece. @returns {boolean} whether there is more to do */
@@ -80,10 +99,12 @@ export class Film {
     if (camera === null || renderer.spheres === null) return false;
     const found = renderer.readback.poll();
     if (found !== null) this.onSweep(found.data, found.stride, found.tag);
+    this.learn();
+    const now = performance.now();
+    const moving = now < this.restAt;
     if (renderer.busy) return true;
-    const moving = performance.now() < this.restAt;
     const { width, height } = renderer.canvas;
-    const fullMs = renderer.frameMs * (width * height) / renderer.framePixels;
+    const fullMs = (renderer.frameMs * width * height) / renderer.framePixels;
     const scale = moving && fullMs > SLOW_MS ? 0.5 : 1;
     let pass = this.pass;
     if (pass === null || pass.epoch !== this.epoch || pass.scale < scale) {
@@ -91,36 +112,58 @@ export class Film {
     } else if (pass.light !== this.light && pass.count >= pass.want) {
       pass = this.begin(pass.scale, Math.max(1, Math.min(8, Math.floor(SMOOTH_MS / renderer.frameMs))));
     }
-    const shape = {
-      width: Math.max(1, Math.floor(width * pass.scale)), height: Math.max(1, Math.floor(height * pass.scale)), epoch: this.epoch,
-    };
-    const drawing = pass.count < SAMPLES;
-    if (drawing) {
+    const shape = this.shape(pass);
+    let drew = false;
+    // At rest, every sample has to be swept once before the next one takes its place.
+    if (pass.count < (moving && scale < 1 ? 1 : SAMPLES) && (moving || !this.owed(pass))) {
       const k = pass.count++;
       const shift = k === 0 ? [0, 0] : [halton(k, 2) - 0.5, halton(k, 3) - 0.5];
-      renderer.drawSample(camera, shift, shape, pass.pair, k === 0);
-      const now = performance.now();
-      if (this.swept < this.sweepStep ** 2 + SAMPLES && (!moving || now - this.sweptAt > SWEEP_MS)) {
-        if (renderer.sweep(shape, this.sweepStep, this.swept)) {
-          this.swept++;
-          this.sweptAt = now;
-        }
-      }
+      renderer.drawSample(camera, shift, shape, pass.pair, k === 0, k === 0 ? this.listed.central : this.listed.all);
+      drew = true;
       if (pass.count >= pass.want) {
         this.shown = pass;
         this.tone = true;
       }
     }
     if (this.tone && this.shown !== null) {
-      const { scale: s } = this.shown;
-      renderer.present(this.shown.pair, this.shown.count, { ...shape, width: Math.floor(width * s), height: Math.floor(height * s) });
+      renderer.present(this.shown.pair, this.shown.count, this.shape(this.shown));
       this.tone = false;
     }
-    if (drawing) renderer.endFrame(shape.width * shape.height);
-    if (!drawing && !this.settled && !renderer.readback.pending) {
-      this.swept += renderer.sweep(shape, this.sweepStep, this.swept) ? 1 : 0;
+    if (drew) renderer.endFrame(shape.width * shape.height);
+    this.sweep(pass, shape, moving, now);
+    return drew || moving || pass.count < SAMPLES || pass.light !== this.light || !this.settled || renderer.frames.length > 0;
+  }
+
+  /** Look at the ids of the sample just drawn, if there is something to learn from it. @param {Pass} pass @param {import("./renderer.js").Shape} shape @param {boolean} moving @param {number} now */
+  sweep(pass, shape, moving, now) {
+    if (this.renderer.readback.pending) return;
+    if (moving) {
+      if (now - this.sweptAt > SWEEP_MS && this.renderer.sweep(shape, MOVING_STEP, Math.floor(now))) this.sweptAt = now;
+    } else if (this.owed(pass)) {
+      const turn = pass.count === 1 ? this.central++ : this.shifted++;
+      this.renderer.sweep(shape, this.restStep, turn);
     }
-    return pass.count < SAMPLES || moving || pass.light !== this.light || !this.settled || renderer.frames.length > 0;
+  }
+
+  /** Whether the sample drawn last has to be swept before the next is drawn. @param {Pass} pass */
+  owed(pass) {
+    if (pass.epoch !== this.epoch || pass.scale < 1 || pass.count === 0) return false;
+    return pass.count === 1 ? !this.centralKnown : this.shifted < pass.count - 1;
+  }
+
+  /** What is hidden need not be drawn again before the camera moves. */
+  learn() {
+    if (this.renderer.readback.pending) return;
+    if (this.settled ? !this.listed.all : this.centralKnown && this.shifted === 0 && !this.listed.central) {
+      this.listed = { central: true, all: this.settled };
+      this.renderer.setList(this.visible());
+    }
+  }
+
+  /** @param {Pass} pass */
+  shape(pass) {
+    const { width, height } = this.renderer.canvas;
+    return { width: Math.max(1, Math.floor(width * pass.scale)), height: Math.max(1, Math.floor(height * pass.scale)), epoch: pass.epoch };
   }
 
   /** @param {number} scale @param {number} want samples before it replaces what is on screen @returns {Pass} */

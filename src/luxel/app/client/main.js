@@ -97,7 +97,7 @@ class App {
     return new Film(this.renderer, (data, stride, epoch) => {
       this.sight.collect(data, stride, epoch);
       this.ask();
-    });
+    }, () => this.sight.ids.subarray(0, this.sight.count));
   }
 
   // Messages ---------------------------------------------------------------------------------------------------------

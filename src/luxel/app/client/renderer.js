@@ -15,6 +15,7 @@ import { LAYER_ROWS } from "./tiles.js";
 export const PARTICLES_WIDTH = 2048;
 const NEAR = 1e-6;
 const FRAMES_IN_FLIGHT = 2;
+const QUADS = 1 << 16; // particles in one draw call
 
 /** @typedef {{width: number, height: number, epoch: number}} Shape */
 /** @typedef {{fence: WebGLSync, since: number, pixels: number}} Frame */
@@ -63,8 +64,27 @@ export class Renderer {
     /** @type {any} */
     this.light = { sky: [1, 1, 0, 0, 1], suns: [], globes: [], quads: [] };
     this.sceneRadius = 2;
+    this.list = new Texture(gl, "r32ui", 1, 1);
+    this.listCount = 0;
     gl.disable(gl.DITHER);
     gl.bindVertexArray(gl.createVertexArray());
+    const corners = new Uint32Array(6 * QUADS);
+    for (let k = 0; k < QUADS; k++) corners.set([4 * k, 4 * k + 1, 4 * k + 2, 4 * k + 2, 4 * k + 1, 4 * k + 3], 6 * k);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
+  }
+
+  /** Keep the particles that are known to be all that is visible, for drawing them alone. @param {Int32Array} ids */
+  setList(ids) {
+    const rows = Math.max(1, Math.ceil(ids.length / PARTICLES_WIDTH));
+    if (this.list.width !== PARTICLES_WIDTH || this.list.height < rows) {
+      this.list.delete();
+      this.list = new Texture(this.gl, "r32ui", PARTICLES_WIDTH, rows);
+    }
+    const padded = new Uint32Array(rows * PARTICLES_WIDTH);
+    padded.set(ids);
+    this.list.rows(padded, 0, rows);
+    this.listCount = ids.length;
   }
 
   /** Make room for particles; they arrive by parts. @param {number} count @param {number} sceneRadius */
@@ -183,8 +203,9 @@ export class Renderer {
    * Find the nearest sphere of every pixel, then add its light to a pair of sums.
    * @param {Camera} camera @param {number[]} shift of the rays within their pixels, in pixels
    * @param {Shape} shape @param {number} pair @param {boolean} first whether to start the sums anew
+   * @param {boolean} [listed] draw only the particles of the list
    */
-  drawSample(camera, shift, shape, pair, first) {
+  drawSample(camera, shift, shape, pair, first, listed = false) {
     const { gl, targets } = this;
     if (targets === null || this.spheres === null) return;
     targets.ids.bind(shape.width, shape.height);
@@ -194,8 +215,12 @@ export class Renderer {
     gl.depthFunc(gl.GREATER);
     this.setCamera(this.programs.ids, camera, shift, shape);
     const far = length(camera.eye) + this.sceneRadius;
-    this.programs.ids.float("uNear", NEAR).float("uFar", far);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.loaded);
+    this.programs.ids.float("uNear", NEAR).float("uFar", far).texture("uList", this.list).int("uListed", listed ? 1 : 0);
+    const count = listed ? this.listCount : this.loaded;
+    for (let start = 0; start < count; start += QUADS) {
+      this.programs.ids.int("uFirst", start);
+      gl.drawElements(gl.TRIANGLES, 6 * Math.min(QUADS, count - start), gl.UNSIGNED_INT, 0);
+    }
     gl.disable(gl.DEPTH_TEST);
 
     targets.sums[pair].bind(shape.width, shape.height);
@@ -248,15 +273,18 @@ export class Renderer {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  /** Start to read every `step`-th pixel of the last id pass back. @param {Shape} shape @param {number} step @param {number} turn which pixel of each block */
+  /**
+   * Start to read every `step`-th pixel of the last id pass back.
+   * @param {Shape} shape @param {number} step @param {number} turn which pixel of each block
+   * @returns {boolean} false while an earlier one is under way
+   */
   sweep(shape, step, turn) {
     const { targets } = this;
     if (targets === null || this.readback.pending) return false;
     const width = Math.ceil(shape.width / step);
     const height = Math.ceil(shape.height / step);
     targets.sweep.bind(width, height);
-    // Steps of 7 visit all pixels of a 2x2 or 4x4 block, neighbours late.
-    const at = (turn * 7) % (step * step);
+    const at = (turn * 7) % (step * step); // 7 shares no factor with 4 or 16, so every pixel of a block has its turn
     this.programs.sweep.use().texture("uIds", targets.ids.colors[0]).int("uStep", step)
       .float("uFirst", [at % step, Math.floor(at / step)]).float("uSize", [shape.width, shape.height]);
     this.gl.drawArrays(this.gl.TRIANGLES, 0, 3);

@@ -41,8 +41,11 @@ float hit(vec4 s, vec2 p, out vec3 origin, out vec3 ray) {
 }
 `;
 
-/** One quad an instance, the exact bounds of the sphere's picture. */
+/** Four vertices a particle, the exact bounds of the sphere's picture. Not instanced: that is slow for so few vertices. */
 export const IDS_VERTEX = HEAD + CAMERA + `
+uniform usampler2D uList;
+uniform bool uListed;
+uniform int uFirst;
 flat out vec4 vSphere;
 flat out uint vId;
 
@@ -53,9 +56,11 @@ vec2 tangents(float x, float z, float r) {
 }
 
 void main() {
-  vec4 s = sphereAt(gl_InstanceID);
+  int id = uFirst + (gl_VertexID >> 2);
+  if (uListed) id = int(texelFetch(uList, place(id, textureSize(uList, 0).x), 0).r);
+  vec4 s = sphereAt(id);
   vSphere = s;
-  vId = uint(gl_InstanceID) + 1u;
+  vId = uint(id) + 1u;
   vec2 low, high;
   bool shown;
   if (uOrthographic) {
@@ -77,7 +82,7 @@ void main() {
   low = low / uHalf - uShift * pixel - 0.02 * pixel; // the margin covers rounding
   high = high / uHalf - uShift * pixel + 0.02 * pixel;
   shown = shown && all(lessThan(low, vec2(1))) && all(greaterThan(high, vec2(-1)));
-  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+  vec2 corner = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1);
   gl_Position = shown ? vec4(mix(clamp(low, -1.0, 1.0), clamp(high, -1.0, 1.0), corner), 0, 1) : vec4(2, 2, 2, 1);
 }`;
 
