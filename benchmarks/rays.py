@@ -18,7 +18,7 @@ import luxel
 from benchmarks.measure import interleaved, ratio, report
 from benchmarks.scenes import plate, plate_camera
 from luxel.light.world import make_world
-from luxel.render.raytrace import make_eye, trace_primary, visible_ids
+from luxel.picture.raytrace import make_eye, trace_primary, visible_ids
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import SphereTree, thread_count
 from tests import embree_twin

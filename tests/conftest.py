@@ -5,7 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import hypothesis
 import pytest
+
+# A busy machine is slow, not wrong.
+hypothesis.settings.register_profile("luxel", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("luxel")
 
 _SHARED = Path(__file__).parents[2] / "shared" / "data"
 

@@ -31,7 +31,7 @@ _HOMES = {
     "View": "luxel.scene.view",
     "bake": "luxel.textures.bake",
     "open": "luxel.io",
-    "render": "luxel.render.raytrace",
+    "render": "luxel.picture.raytrace",
     "view": "luxel.app.viewer",
 }
 

@@ -11,7 +11,7 @@ import luxel
 from luxel import Camera, Scene, Sky, Sun, View
 from luxel.app import cli, options
 from luxel.errors import LuxelError
-from luxel.render.image import Image
+from luxel.picture.image import Image
 from luxel.scene.lights import default_lights, sun_direction
 from luxel.scene.scene import MODELS
 
@@ -43,7 +43,7 @@ def rendered(monkeypatch):
         width, height = named["size"]
         return Image(np.zeros((height, width, 3), np.uint8))
 
-    monkeypatch.setattr("luxel.render.raytrace.render", render)
+    monkeypatch.setattr("luxel.picture.raytrace.render", render)
     return calls
 
 
@@ -297,7 +297,7 @@ def test_interruption(file, tmp_path, monkeypatch, capsys, error, code):
     def stop(*_, **__):
         raise error
 
-    monkeypatch.setattr("luxel.render.raytrace.render", stop)
+    monkeypatch.setattr("luxel.picture.raytrace.render", stop)
     assert run("render", file, "-o", tmp_path / "a.png") == code
     lines = capsys.readouterr().err.strip().splitlines()
     assert len([line for line in lines if not line.startswith("luxel: compiling")]) == 1

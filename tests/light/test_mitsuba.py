@@ -67,7 +67,7 @@ def test_pixels_equal_mitsuba(mitsuba, kind):
     scene = luxel.Scene(particles, lights, albedo=ALBEDO)
     grey = "#{0:02x}{0:02x}{0:02x}".format(round(255 * float(linear_to_srgb(ALBEDO))))
     view = luxel.View(camera=camera, color=grey, background="black")
-    from luxel.render.raytrace import render
+    from luxel.picture.raytrace import render
 
     image = render(scene, view, size=SIZE, light="pixel", samples=144, antialias=1)
     ours = image.array[..., 0]

@@ -159,7 +159,7 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def _render(options: argparse.Namespace) -> None:
-    from luxel.render.image import check_output
+    from luxel.picture.image import check_output
 
     check_output(options.output)  # before minutes of work
     view = build_view(options)
@@ -175,7 +175,7 @@ def _view(options: argparse.Namespace) -> None:
 
 def _demo(options: argparse.Namespace) -> None:
     from luxel.data import demo_particles, demo_view
-    from luxel.render.image import check_output
+    from luxel.picture.image import check_output
 
     view = build_view(options, demo_view())
     if options.output is None:
@@ -204,7 +204,7 @@ def _open(options: argparse.Namespace) -> tuple[Series, int]:
 
 
 def _draw(options: argparse.Namespace, particles: Particles, view: View, origin: dict[str, Any]) -> None:
-    from luxel.render.raytrace import render
+    from luxel.picture.raytrace import render
     from luxel.scene.scene import Scene
     from luxel.textures.spec import TextureSpec
 

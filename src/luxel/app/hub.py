@@ -24,6 +24,7 @@ __all__ = ["Hub", "Page"]
 
 _log = logging.getLogger(__name__)
 _STATUS_PERIOD_S = 0.25
+_IDLE_PERIOD_S = 0.5  # between looks whether somebody changed the session from Python
 
 
 class Page:
@@ -76,6 +77,7 @@ class Hub:
         self._unsubscribe: Callable[[], None] | None = None
         self._status_timer: asyncio.TimerHandle | None = None
         self._status_sent: protocol.Status | None = None
+        self._chase: asyncio.Future[None] | None = None
 
     def start(self) -> None:
         """Begin to listen to the session; called on the event loop."""
@@ -238,20 +240,27 @@ class Hub:
                     page.wake.set()
         self._status_soon()
 
-    def _status_soon(self) -> None:
-        if self._status_timer is None and self._loop is not None and self.pages:
-            self._status_timer = self._loop.call_later(_STATUS_PERIOD_S, self._send_status)
+    def _status_soon(self, period_s: float = _STATUS_PERIOD_S) -> None:
+        if self._loop is None or not self.pages:
+            return
+        if self._status_timer is not None:
+            if self._status_timer.when() <= self._loop.time() + period_s:
+                return
+            self._status_timer.cancel()
+        self._status_timer = self._loop.call_later(period_s, self._send_status)
 
     def _send_status(self) -> None:
         self._status_timer = None
-        now = state.status(self.session)
+        session = self.session
+        if session.particles is not self._particles or session.key != self._key:
+            self._chase = asyncio.ensure_future(self._catch_up())  # changed from Python, not by a page
+        now = state.status(session)
         if self._status_sent is None or vars(now) != vars(self._status_sent):
             self._status_sent = now
             for page in self.pages:
                 if page.greeted:
                     page.post("status", lambda: now)
-        if now.queued or now.baking or now.textures_per_s:
-            self._status_soon()  # until the rate has come to rest; then no timer runs
+        self._status_soon(_STATUS_PERIOD_S if now.queued or now.baking or now.textures_per_s else _IDLE_PERIOD_S)
 
 
 def _same(message: protocol.Message) -> protocol.Message:

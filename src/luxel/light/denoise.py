@@ -72,25 +72,22 @@ class TextureFilter:
         Every texture is treated alone: what it becomes does not depend on its batch.
         """
         shape = mean.shape
-        result = np.empty((shape[0], mean[0].size if len(mean) else 0), np.float32)
-        for k in range(shape[0]):
-            result[k] = self._estimate(mean[k].ravel(), variance[k].ravel(), exposed[k].ravel())
-        return result.reshape(shape)
-
-    def _estimate(
-        self, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint16]
-    ) -> NDArray[np.float64]:
-        known = exposed > 1
-        own = float(variance[known].sum()) if known.any() else 0.0
-        noise = (own + _PRIOR_TEXELS * self.noise) / (float(known.sum()) + _PRIOR_TEXELS)
-        if not exposed.any():
-            return np.zeros_like(self.mean)
-        weight = exposed / max(noise, 1e-12)
-        projected = self.basis * weight
+        count, size = shape[0], shape[1] * shape[2]
+        samples = mean.reshape(count, size).astype(np.float64)
+        weight = exposed.reshape(count, size).astype(np.float64)
+        spread = variance.reshape(count, size).astype(np.float64)
+        known = weight > 1
+        noise = (np.where(known, spread, 0.0).sum(axis=1) + _PRIOR_TEXELS * self.noise) / (known.sum(axis=1) + _PRIOR_TEXELS)
+        weight /= np.maximum(noise, 1e-12)[:, None]
+        # Stacked products and solves run one texture at a time inside: the same bits whatever the batch.
+        projected = self.basis[None] * weight[:, None, :]
         matrix = projected @ self.basis.T
-        matrix[np.diag_indices_from(matrix)] += 1.0 / self.power
-        coefficients = np.linalg.solve(matrix, projected @ (mean - self.mean))
-        return np.maximum(self.mean + coefficients @ self.basis, 0.0)
+        diagonal = np.arange(len(self.power))
+        matrix[:, diagonal, diagonal] += 1.0 / self.power
+        coefficients = np.linalg.solve(matrix, projected @ (samples - self.mean)[:, :, None])
+        estimate = np.maximum(self.mean + (coefficients.swapaxes(1, 2) @ self.basis)[:, 0], 0.0)
+        estimate[~(weight > 0).any(axis=1)] = 0.0
+        return estimate.reshape(shape).astype(np.float32)
 
 
 def dilate(textures: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -158,7 +158,7 @@ def sun_direction(azimuth: float, elevation: float, up: Up = "z") -> NDArray[np.
 
 def default_lights(up: Up = "z") -> tuple[Light, ...]:
     """Return a sky of level 1 and one soft sun of level 2, above and to the left of the default camera."""
-    return (Sky(1.0), Sun(sun_direction(195.0, 50.0, up), level=2.0, angular_diameter=15.0))
+    return (Sky(1.0), Sun(sun_direction(225.0, 42.0, up), level=2.0, angular_diameter=15.0))
 
 
 def _check_level(what: str, level: float) -> None:

@@ -2,6 +2,18 @@
 
 /** @typedef {{values: Float32Array, range: [number, number], logRange: [number, number], whole: boolean, labels: string[] | null}} Scalar */
 
+/** sRGB to linear light, [0, 1]. @param {number} c */
+export const toLinear = (c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
+
+/** @param {string} hex "#rrggbb" @returns {number[]} sRGB in [0, 1] */
+export const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
+
+/** Top and bottom of the background in linear light: a little grading gives depth. @param {string} hex */
+export function grading(hex) {
+  const base = rgb(hex).map(toLinear);
+  return { top: base.map((c) => Math.min(1, c * 1.6)), bottom: base.map((c) => c * 0.62) };
+}
+
 /** Whether a scalar is shown as codes rather than as a scale. @param {Scalar} scalar @param {number} rows of the colour map @param {[number, number] | null} range @param {boolean} log */
 export const isCategorical = (scalar, rows, range, log) =>
   range === null && !log && (scalar.labels !== null || (rows < 256 && scalar.whole));

@@ -95,7 +95,6 @@ export const formats = (gl) => ({
   r32ui: [gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT],
   r8ui: [gl.R8UI, gl.RED_INTEGER, gl.UNSIGNED_BYTE],
   rgba8: [gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE],
-  rgb8: [gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE],
 });
 
 /** @typedef {keyof ReturnType<typeof formats>} Format */

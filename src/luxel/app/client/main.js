@@ -1,10 +1,10 @@
 // The page: wires connection, data, picture and controls together.
 
 import * as cameras from "./camera.js";
-import { drawColorbar, isCategorical, label, normalised } from "./colors.js";
+import { drawColorbar, grading, isCategorical, label, normalised, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
-import { Panel, element, grading, rgb } from "./panel.js";
+import { Panel, element } from "./panel.js";
 import { KIND, encode } from "./protocol.js";
 import { PARTICLES_WIDTH, Renderer } from "./renderer.js";
 import { Sight } from "./sight.js";
@@ -220,8 +220,8 @@ class App {
   colorChanged() {
     const s = this.panel.settings;
     const { look } = this.renderer;
-    look.color = rgb(s.color);
-    look.noData = rgb(s.noData);
+    look.color = rgb(s.color).map(toLinear);
+    look.noData = rgb(s.noData).map(toLinear);
     const scalar = s.colorBy === null ? null : this.scalars.get(s.colorBy);
     const lut = this.luts.get(s.colormap);
     if (s.colorBy !== null && scalar === undefined) this.askFor(KIND.scalarRequest, s.colorBy);

@@ -1,5 +1,7 @@
 // The controls beside the picture: native inputs, read into one plain object of settings.
 
+import { rgb } from "./colors.js";
+
 /**
  * @typedef {object} Settings
  * @property {string | null} colorBy
@@ -189,16 +191,4 @@ export class Panel {
     const [r, g, b] = rgb(s.background);
     element("stage").classList.toggle("bright", 0.3 * r + 0.59 * g + 0.11 * b > 0.5);
   }
-}
-
-/** @param {string} hex "#rrggbb" @returns {number[]} in [0, 1] */
-export const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
-
-/** @param {number} c sRGB */
-const linear = (c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
-
-/** Top and bottom of the background in linear light: a little grading gives depth. @param {string} hex */
-export function grading(hex) {
-  const base = rgb(hex).map(linear);
-  return { top: base.map((c) => Math.min(1, c * 1.6)), bottom: base.map((c) => c * 0.62) };
 }

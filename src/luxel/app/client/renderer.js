@@ -5,6 +5,7 @@
 // pass turns sums into a picture; exposure and background need no other.
 
 import { basis, halfHeight, length, sub } from "./camera.js";
+import { toLinear } from "./colors.js";
 import { GraphicsError, Program, Readback, Target, Texture, signalled } from "./gl.js";
 import * as shaders from "./shaders.js";
 import { LAYER_ROWS } from "./tiles.js";
@@ -47,7 +48,7 @@ export class Renderer {
     this.slots = new Texture(gl, "r32i", 1, 1);
     this.atlas = new Texture(gl, "r8ui", 1, 1, { layers: 1 });
     this.decoding = new Texture(gl, "r32f", 256, 64);
-    this.lut = new Texture(gl, "rgb8", 1, 1);
+    this.lut = new Texture(gl, "rgba32f", 1, 1);
     /** @type {{ids: Target, sums: Target[], capture: Target, sweep: Target} | null} */
     this.targets = null;
     this.readback = new Readback(gl);
@@ -118,9 +119,12 @@ export class Renderer {
 
   /** @param {Uint8Array} lut (n, 3) sRGB */
   setLut(lut) {
+    const rows = lut.length / 3;
+    const table = new Float32Array(4 * rows);
+    for (let k = 0; k < rows; k++) for (let c = 0; c < 3; c++) table[4 * k + c] = toLinear(lut[3 * k + c] / 255);
     this.lut.delete();
-    this.lut = new Texture(this.gl, "rgb8", lut.length / 3, 1);
-    this.lut.rows(lut, 0, 1);
+    this.lut = new Texture(this.gl, "rgba32f", rows, 1);
+    this.lut.rows(table, 0, 1);
   }
 
   /** @param {TileStore} tiles */

@@ -112,13 +112,13 @@ export const LIGHTS_MAX = 8;
 export const SHADE_FRAGMENT = HEAD + CAMERA + `
 uniform usampler2D uIds;
 uniform sampler2D uValues;      // position in the colour map; negative is no data
-uniform sampler2D uLut;         // sRGB
+uniform sampler2D uLut;         // linear light
 uniform isampler2D uSlots;      // slot + generation << 24, or -1
 uniform usampler2DArray uAtlas; // tiles one after the other, 2048 bytes a row
 uniform sampler2D uDecoding;    // a row of 256 luminances for each generation
 uniform int uTexels;
 uniform bool uUseTiles, uUniform;
-uniform vec3 uColor, uNoData;   // sRGB
+uniform vec3 uColor, uNoData;   // linear light
 uniform vec3 uEye;
 uniform vec2 uSky;              // level, ground
 uniform vec3 uSkyAxis;
@@ -130,10 +130,6 @@ layout(location = 0) out vec4 outSum;    // luminance times linear colour, lumin
 layout(location = 1) out float outCover;
 
 const float PI = 3.14159265358979;
-
-vec3 toLinear(vec3 c) {
-  return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), greaterThan(c, vec3(0.04045)));
-}
 
 float texel(int slot, int generation, int row, int column) {
   if (row < 0) { row = -1 - row; column += uTexels / 2; }
@@ -182,11 +178,11 @@ float lambert(vec3 p, vec3 n) {
 }
 
 vec3 colorOf(int id) {
-  if (uUniform) return toLinear(uColor);
+  if (uUniform) return uColor;
   float x = texelFetch(uValues, place(id, textureSize(uValues, 0).x), 0).r;
-  if (x < 0.0) return toLinear(uNoData);
+  if (x < 0.0) return uNoData;
   int rows = textureSize(uLut, 0).x;
-  return toLinear(texelFetch(uLut, ivec2(min(rows - 1, int(x * float(rows))), 0), 0).rgb);
+  return texelFetch(uLut, ivec2(min(rows - 1, int(x * float(rows))), 0), 0).rgb;
 }
 
 void main() {

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image as Pillow
 
 from luxel.errors import InputError, MissingFileError
-from luxel.render.image import Image, check_output
+from luxel.picture.image import Image, check_output
 
 PIXELS = np.random.default_rng(3).integers(0, 256, (4, 6, 3), dtype=np.uint8)
 

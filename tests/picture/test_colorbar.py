@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from luxel import Particles, View
 from luxel.errors import ScalarError
-from luxel.render.colorbar import draw_colorbar
-from luxel.render.ticks import tick_labels
+from luxel.picture.colorbar import draw_colorbar
+from luxel.picture.ticks import tick_labels
 from luxel.scene.colormap import colormap_table
 
 DARK, LIGHT = (23, 25, 29), (250, 250, 250)

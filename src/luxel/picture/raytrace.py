@@ -14,7 +14,7 @@ from luxel.kernels import shade, tiles
 from luxel.kernels.path import World
 from luxel.light.lights import scene_white
 from luxel.light.world import make_world
-from luxel.render.image import Image
+from luxel.picture.image import Image
 from luxel.scene.camera import Camera
 from luxel.scene.colormap import linear_to_srgb, rgb, srgb_to_linear
 from luxel.scene.scene import Scene
@@ -117,7 +117,7 @@ def render(
     pixels = (linear_to_srgb(picture) * 255 + 0.5).astype(np.uint8)
     distance, ids = trace_primary(world, eye, width, height, (0.5, 0.5), workers)
     if colorbar and view.color_by is not None:
-        from luxel.render.colorbar import draw_colorbar
+        from luxel.picture.colorbar import draw_colorbar
 
         pixels = draw_colorbar(pixels, view, scene.particles)
     return Image(pixels, ids, distance * np.float32(SphereSet.of(scene.particles).unit))

@@ -5,7 +5,7 @@ import pytest
 
 import luxel
 from luxel.light.world import make_world
-from luxel.render.raytrace import make_eye, trace_primary, visible_ids
+from luxel.picture.raytrace import make_eye, trace_primary, visible_ids
 from luxel.trace.reference import ReferenceTracer
 from luxel.trace.spheres import SphereSet
 from tests.scenes import cloud, lattice

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.particles import Particles
-from luxel.render.ticks import tick_labels
+from luxel.picture.ticks import tick_labels
 from luxel.scene.colormap import rgb, srgb_to_linear
 from luxel.scene.view import View, lut_rows
 

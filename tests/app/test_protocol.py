@@ -1,0 +1,211 @@
+"""Messages survive a round trip; anything else is refused with a reason, never with another exception."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from luxel.app import protocol
+from luxel.app.feed import Feed
+from luxel.errors import ProtocolError
+
+IDS = np.array([3, 1, 4], np.int32)
+FROM_PAGE = [
+    protocol.Hello("ANGLE"),
+    protocol.Sighted("ab12", IDS, (0.5, -1.0, 2.0)),
+    protocol.Confirm(7),
+    protocol.SetLight("ao", 0.5, 1.25, (195.0, 50.0, 2.0, 15.0)),
+    protocol.SetLight(sky=0.0),
+    protocol.SetFrame(3),
+    protocol.ScalarRequest("velocity.x"),
+    protocol.ColormapRequest("viridis"),
+    protocol.Report("shader: 'x' undeclared"),
+]
+FROM_SERVER = [
+    protocol.Geometry(1, 0, np.arange(6, dtype=np.float32).reshape(2, 3), np.ones(2, np.float32)),
+    protocol.Scalar(1, "T", np.array([1, np.nan, 3], np.float32), (1.0, 3.0), (1.0, 3.0), False),
+    protocol.Colormap("gray", np.arange(9, dtype=np.uint8).reshape(3, 3)),
+    protocol.Tiles("ab12", IDS, np.arange(3 * 16, dtype=np.uint8).reshape(3, 4, 4)),
+    protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
+    protocol.Error("no such scalar"),
+]
+
+
+def same(a: protocol.Message, b: protocol.Message) -> None:
+    assert type(a) is type(b)
+    for name, value in vars(a).items():
+        other = getattr(b, name)
+        if isinstance(value, np.ndarray):
+            assert other.dtype == value.dtype
+            np.testing.assert_array_equal(other, value)
+        else:
+            assert json.dumps(other) == json.dumps(value), name
+
+
+@pytest.mark.parametrize("message", FROM_PAGE, ids=lambda m: type(m).__name__)
+def test_page_messages_survive(message: protocol.Message) -> None:
+    same(message, protocol.decode_client(message.encode()))
+
+
+@pytest.mark.parametrize("message", FROM_SERVER, ids=lambda m: type(m).__name__)
+def test_server_messages_survive(message: protocol.Message) -> None:
+    same(message, protocol.decode(message.encode()))
+
+
+def test_arrays_start_at_multiples_of_four() -> None:
+    """JavaScript can view an array in place only there."""
+    for name in ("a", "ab", "abc", "abcd"):
+        data = protocol.Colormap(name, np.zeros((3, 3), np.uint8)).encode()
+        (length,) = struct.unpack_from("<I", data, 4)
+        assert length % 4 == 0
+        assert len(data) == 8 + length + 12
+
+
+def test_numbers_that_json_lacks_are_not_sent() -> None:
+    with pytest.raises(ValueError):
+        protocol.Status("k", 0, 0, 0, 0, float("nan")).encode()
+
+
+def message(kind: int, head: object, tail: bytes = b"") -> bytes:
+    text = json.dumps(head).encode()
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<B3xI", kind, len(text)) + text + tail
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\x01\0\0\0",
+        struct.pack("<B3xI", 1, 1 << 30),
+        message(99, {}),
+        message(16, {}),  # a server's message from a page
+        message(1, []),
+        message(1, {"renderer": 5}),
+        message(1, {"renderer": "x" * 501}),
+        message(2, {"key": "k", "eye": [0, 0, 0]}),
+        message(2, {"key": "k", "eye": [0, 0], "arrays": {"ids": ["i4", [0]]}}),
+        message(2, {"key": "k", "eye": [0, 0, "1"], "arrays": {"ids": ["i4", [0]]}}),
+        message(2, {"key": "k", "eye": [0, 0, 10**400], "arrays": {"ids": ["i4", [0]]}}),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["f4", [1]]}}, bytes(4)),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["i4", [1, 1]]}}, bytes(4)),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["i4", [2]]}}, bytes(4)),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["i4", [1]]}}, bytes(8)),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["i4", [-1]]}}, bytes(4)),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["i4", [True]]}}, bytes(4)),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["i4", [2**30, 2**30, 2**30]]}}),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["O", [1]]}}, bytes(4)),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": [["i4"], [1]]}}, bytes(4)),
+        message(2, {"key": "k", "eye": [0, 0, 0], "arrays": [1]}),
+        message(3, {"batches": -1}),
+        message(3, {"batches": True}),
+        message(3, {"batches": 1.5}),
+        message(4, {"sky": "bright"}),
+        message(4, {"sun": [1, 2, 3]}),
+        message(5, {"frame": None}),
+        message(5, {"frame": 0}, b"more"),
+        struct.pack("<B3xI", 1, 16) + b'{"renderer":NaN}',
+        struct.pack("<B3xI", 1, 4) + b"\xff\xff\xff\xff",
+        struct.pack("<B3xI", 1, 400_000) + b"[" * 400_000,
+        bytes(protocol.CLIENT_BYTES_MAX + 1),
+    ],
+)
+def test_malformed_messages_are_refused(data: bytes) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        protocol.decode_client(data)
+    assert 5 < len(str(caught.value)) < 300
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=200))
+def test_noise_is_refused(data: bytes) -> None:
+    with pytest.raises(ProtocolError):
+        protocol.decode_client(data)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=9), inner, max_size=4),
+    max_leaves=8,
+)
+NAMES = st.sampled_from(["key", "eye", "batches", "model", "sky", "sun", "frame", "name", "text", "renderer", "arrays"])
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 255), st.dictionaries(NAMES, JSON, max_size=5), st.binary(max_size=16))
+def test_only_good_messages_or_protocol_errors_come_out(kind: int, head: dict[str, object], tail: bytes) -> None:
+    try:
+        found = protocol.decode_client(message(kind, head, tail))
+    except ProtocolError:
+        return
+    same(found, protocol.decode_client(found.encode()))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.sampled_from(FROM_PAGE), st.data())
+def test_damaged_messages_raise_nothing_else(good: protocol.Message, data: st.DataObject) -> None:
+    raw = bytearray(good.encode())
+    for _ in range(data.draw(st.integers(1, 4))):
+        raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    cut = bytes(raw[: data.draw(st.integers(0, len(raw)))])
+    for damaged in (bytes(raw), cut):
+        try:
+            protocol.decode_client(damaged)
+        except ProtocolError as error:
+            assert str(error)
+
+
+def drain(feed: Feed) -> list[int]:
+    sent: list[int] = []
+    while (batch := feed.take()) is not None:
+        sent += batch.tolist()
+    return sent
+
+
+def test_feed_sends_each_wanted_tile_once() -> None:
+    feed = Feed()
+    feed.reset(100)
+    feed.want(np.array([5, 6, 7], np.int32))
+    assert feed.publish(np.array([6, 50], np.int32))
+    assert not feed.publish(np.array([51], np.int32))
+    assert drain(feed) == [6]
+    feed.want(np.array([5, 6, 7], np.int32))  # asked again before the page could have it
+    feed.publish(np.array([5, 6, 7], np.int32))
+    assert drain(feed) == [5, 7]
+    feed.confirm(2)
+    feed.want(np.array([6], np.int32))  # the page gave it up since
+    feed.publish(np.array([6], np.int32))
+    assert drain(feed) == [6]
+
+
+def test_feed_waits_for_confirmation() -> None:
+    feed = Feed()
+    feed.reset(100_000)
+    ids = np.arange(100_000, dtype=np.int32)
+    feed.want(ids)
+    feed.publish(ids)
+    first = drain(feed)
+    assert 0 < len(first) < len(ids)
+    assert feed.take() is None
+    feed.confirm(1)
+    second = drain(feed)
+    assert len(second) == len(first) // 4
+    for confirmed in range(2, 200):
+        feed.confirm(confirmed)
+        second += drain(feed)
+    assert first + second == ids.tolist()
+
+
+def test_feed_forgets_what_an_old_light_wanted() -> None:
+    feed = Feed()
+    feed.reset(10)
+    feed.want(np.arange(10, dtype=np.int32))
+    feed.publish(np.arange(5, dtype=np.int32))
+    feed.reset(4)
+    assert not feed.publish(np.arange(5, 10, dtype=np.int32))
+    assert drain(feed) == []

@@ -1,0 +1,361 @@
+"""The viewer's server as a stranger and as a page meet it: over real sockets, with a baker that costs nothing."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+import websocket
+
+import luxel
+from luxel.app import protocol
+from luxel.app.server import CLIENT_FOLDER, CLOSE_BAD_MESSAGE, CLOSE_UNAUTHORISED, CLOSE_WRONG_VERSION
+from luxel.app.viewer import Viewer, view
+from luxel.errors import InputError
+from luxel.scene.lights import Sky, SphereLight, Sun, sun_direction
+from luxel.session import Session
+from luxel.textures.spec import TextureSpec
+from luxel.trace.spheres import SphereSet
+from tests.scenes import cloud
+
+COUNT = 3000
+TEXELS = 4
+
+
+class InstantBaker:
+    """Every texel of particle k is k modulo 251."""
+
+    def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
+        codes[:] = (ids % 251).astype(np.uint8)[:, None, None]
+        return 0
+
+
+@pytest.fixture
+def viewer() -> Iterator[Viewer]:
+    frames = [cloud(COUNT), cloud(COUNT // 2, seed=1)]
+    spec = TextureSpec(texels=TEXELS, samples=1)
+    lights = (Sky(1.0), Sun(sun_direction(195.0, 50.0), level=2.0))
+    with Session(frames, lights=lights, spec=spec, threads=1, make_baker=lambda scene, spec: InstantBaker()) as session:
+        opened = view(session, block=False, open_browser=False, announce=lambda url: None)
+        with opened:
+            yield opened
+
+
+class Client:
+    """A page's side of the socket."""
+
+    def __init__(self, viewer: Viewer, *, hello: bool = True, **options: Any) -> None:
+        where = urlsplit(viewer.url)
+        query = options.pop("query", where.query)
+        self.socket = websocket.create_connection(
+            f"ws://{where.netloc}/ws?{query}",
+            timeout=30,
+            subprotocols=options.pop("subprotocols", [protocol.SUBPROTOCOL]),
+            **{"suppress_origin": True, **options},
+        )
+        self.heard: list[protocol.Message] = []
+        if hello:
+            self.send(protocol.Hello("test"))
+
+    def send(self, message: protocol.Message) -> None:
+        self.socket.send_binary(message.encode())
+
+    def next(self, kind: type[protocol.Message]) -> Any:
+        """Wait for the next message of a kind."""
+        while True:
+            opcode, data = self.socket.recv_data()
+            assert opcode == websocket.ABNF.OPCODE_BINARY, f"closed: {data!r}"
+            self.heard.append(protocol.decode(data))
+            if isinstance(self.heard[-1], kind):
+                return self.heard[-1]
+
+    def closed(self) -> tuple[int, str]:
+        """Wait for the close frame; return its code and reason."""
+        while True:
+            opcode, data = self.socket.recv_data()
+            if opcode == websocket.ABNF.OPCODE_CLOSE:
+                return int.from_bytes(data[:2], "big"), data[2:].decode()
+
+
+def get(viewer: Viewer, path: str, **headers: str) -> tuple[http.client.HTTPResponse, str]:
+    where = urlsplit(viewer.url)
+    connection = http.client.HTTPConnection("127.0.0.1", where.port, timeout=30)
+    connection.putrequest("GET", path, skip_host="Host" in headers)
+    for name, value in headers.items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    response = connection.getresponse()
+    text = response.read().decode()
+    connection.close()
+    return response, text
+
+
+def token_path(viewer: Viewer) -> str:
+    return f"/?{urlsplit(viewer.url).query}"
+
+
+def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
+    for path in ("/", "/?token=guess", "/client/main.js", "/favicon.ico", "/nothing"):
+        response, text = get(viewer, path)
+        assert response.status == 403
+        assert "token" in text
+    response, text = get(viewer, token_path(viewer))
+    assert response.status == 200
+    assert "<canvas" in text
+    cookie = response.headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "samesite=strict" in cookie.lower()
+    given = cookie.split(";")[0]
+    for each in CLIENT_FOLDER.iterdir():
+        response, text = get(viewer, f"/client/{each.name}", Cookie=given)
+        assert response.status == 200, each.name
+        assert text == each.read_text()
+    assert get(viewer, "/client/main.js", Cookie=given[:-2])[0].status == 403
+
+
+def test_nothing_outside_the_folder_is_served(viewer: Viewer) -> None:
+    query = urlsplit(viewer.url).query
+    for name in ("..", "../server.py", "..%2fserver.py", "%2e%2e/server.py", "nothing.js", "%00"):
+        assert get(viewer, f"/client/{name}?{query}")[0].status == 404, name
+
+
+def test_other_names_and_sites_are_refused(viewer: Viewer) -> None:
+    port = urlsplit(viewer.url).port
+    assert get(viewer, token_path(viewer), Host=f"evil.example:{port}")[0].status == 403
+    assert get(viewer, token_path(viewer), Host=f"localhost:{port}")[0].status == 200
+    assert get(viewer, token_path(viewer), Host="localhost:9999")[0].status == 200  # through a tunnel
+    assert get(viewer, token_path(viewer), Origin="http://evil.example")[0].status == 403
+
+
+def test_answers_carry_security_headers(viewer: Viewer) -> None:
+    for path in (token_path(viewer), "/"):
+        headers = get(viewer, path)[0].headers
+        assert headers["Content-Security-Policy"].startswith("default-src 'self'")
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert headers["Referrer-Policy"] == "no-referrer"
+        assert headers["Cache-Control"] == "no-store"
+
+
+@pytest.mark.parametrize(
+    "options", [{"query": ""}, {"query": "token=x"}, {"origin": "http://evil.example", "suppress_origin": False}]
+)
+def test_socket_needs_token_and_origin(viewer: Viewer, options: dict[str, Any]) -> None:
+    code, reason = Client(viewer, hello=False, **options).closed()
+    assert code == CLOSE_UNAUTHORISED
+    assert reason
+
+
+def test_socket_of_the_page_itself_is_let_in(viewer: Viewer) -> None:
+    origin = f"http://{urlsplit(viewer.url).netloc}"
+    assert Client(viewer, origin=origin, suppress_origin=False).next(protocol.SceneState).count == COUNT
+
+
+def test_other_versions_are_told(viewer: Viewer) -> None:
+    code, reason = Client(viewer, hello=False, subprotocols=["luxel.v0"]).closed()
+    assert code == CLOSE_WRONG_VERSION
+    assert protocol.SUBPROTOCOL in reason
+
+
+def test_bad_messages_close_that_socket_only(viewer: Viewer) -> None:
+    good = Client(viewer)
+    key = good.next(protocol.LightState).key
+    bad_ids = protocol.Sighted(key, np.array([COUNT], np.int32), (0, 0, 5))
+    for say, hello in [
+        (lambda c: c.socket.send("text"), True),
+        (lambda c: c.socket.send_binary(b"\0" * 12), True),
+        (lambda c: c.send(protocol.Confirm(0)), False),
+        (lambda c: c.send(bad_ids), True),
+    ]:
+        client = Client(viewer, hello=hello)
+        say(client)
+        code, reason = client.closed()
+        assert code == CLOSE_BAD_MESSAGE
+        assert reason
+    good.send(protocol.ScalarRequest("value"))
+    assert good.next(protocol.Scalar).name == "value"
+
+
+def test_page_is_told_the_scene(viewer: Viewer) -> None:
+    client = Client(viewer)
+    scene = client.next(protocol.SceneState)
+    light = client.next(protocol.LightState)
+    part = client.next(protocol.Geometry)
+    session = viewer.session
+    spheres = SphereSet.of(session.particles)
+    assert scene.count == COUNT
+    assert scene.frame_count == 2
+    assert [each["name"] for each in scene.scalars] == ["value", "vector", "vector.x", "vector.y", "vector.z"]
+    np.testing.assert_array_equal(part.positions, spheres.centers)
+    np.testing.assert_array_equal(part.radii, spheres.radii)
+    assert light.key == session.key
+    assert light.controls["azimuth"] == pytest.approx(195.0)
+    assert light.controls["elevation"] == pytest.approx(50.0)
+    np.testing.assert_allclose(light.decoding[[0, 255]], [0.0, session.scale])
+
+
+def test_tiles_come_for_what_is_sighted(viewer: Viewer) -> None:
+    client = Client(viewer)
+    key = client.next(protocol.LightState).key
+    wanted = np.arange(10, 40, dtype=np.int32)
+    client.send(protocol.Sighted(key, wanted, (0.0, 0.0, 5.0)))
+    found: dict[int, int] = {}
+    while len(found) < len(wanted):
+        tiles = client.next(protocol.Tiles)
+        assert tiles.key == key
+        assert tiles.codes.shape == (len(tiles.ids), TEXELS, TEXELS)
+        found.update(zip(tiles.ids.tolist(), tiles.codes[:, 0, 0].tolist(), strict=True))
+    assert found == {k: k % 251 for k in wanted.tolist()}
+
+
+def test_second_page_gets_what_is_ready_at_once_and_only_what_it_wants(viewer: Viewer) -> None:
+    first, second = Client(viewer), Client(viewer)
+    key = first.next(protocol.LightState).key
+    second.next(protocol.Geometry)
+    first.send(protocol.Sighted(key, np.arange(20, dtype=np.int32), (0, 0, 5)))
+    got = 0
+    while got < 20:
+        got += len(first.next(protocol.Tiles).ids)
+    second.send(protocol.Sighted(key, np.array([3, 4], np.int32), (0, 0, 5)))
+    assert sorted(second.next(protocol.Tiles).ids.tolist()) == [3, 4]
+    assert sum(isinstance(each, protocol.Tiles) for each in second.heard) == 1
+
+
+def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
+    client = Client(viewer)
+    key = client.next(protocol.LightState).key
+    client.send(protocol.Sighted(key, np.arange(COUNT, dtype=np.int32), (0, 0, 5)))
+    for _ in range(4):
+        client.next(protocol.Tiles)
+    assert viewer.session.wait(30)
+    client.send(protocol.ScalarRequest("value"))  # answered although tiles wait
+    client.next(protocol.Scalar)
+    tiles = [each for each in client.heard if isinstance(each, protocol.Tiles)]
+    assert len(tiles) == 4
+    sent = sum(len(each.ids) for each in tiles)
+    confirmed = 0
+    while sent < COUNT:
+        confirmed += 1
+        client.send(protocol.Confirm(confirmed))
+        sent += len(client.next(protocol.Tiles).ids)
+    assert sent == COUNT
+
+
+def test_scalars_and_colormaps_come_on_request(viewer: Viewer) -> None:
+    client = Client(viewer)
+    client.send(protocol.ScalarRequest("vector.y"))
+    scalar = client.next(protocol.Scalar)
+    values = viewer.session.particles.scalar("vector.y")
+    np.testing.assert_array_equal(scalar.values, values.astype(np.float32))
+    assert scalar.range == [values.min(), values.max()]
+    client.send(protocol.ColormapRequest("viridis"))
+    np.testing.assert_array_equal(client.next(protocol.Colormap).lut, luxel.View().lut())
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        protocol.ScalarRequest("no such"),
+        protocol.ColormapRequest("no such"),
+        protocol.SetFrame(2),
+        protocol.SetLight(model="no such"),
+        protocol.SetLight(sun=(0.0, 91.0, 1.0, 15.0)),
+        protocol.SetLight(sky=-1.0),
+        protocol.SetLight(),
+    ],
+)
+def test_wishes_that_cannot_be_granted_are_explained(viewer: Viewer, message: protocol.Message) -> None:
+    client = Client(viewer)
+    client.send(message)
+    assert len(client.next(protocol.Error).text) > 10
+    client.send(protocol.ScalarRequest("value"))
+    client.next(protocol.Scalar)
+
+
+def test_change_of_light_reaches_all_pages(viewer: Viewer) -> None:
+    first, second = Client(viewer), Client(viewer)
+    before = first.next(protocol.LightState)
+    second.next(protocol.LightState)
+    first.send(protocol.SetLight(sky=0.5, sun=(30.0, 20.0, 3.0, 10.0)))
+    for client in (first, second):
+        after = client.next(protocol.LightState)
+        assert after.key == viewer.session.key != before.key
+        assert after.controls == {"sky": 0.5, "azimuth": 30.0, "elevation": 20.0, "sun": 3.0, "diameter": 10.0}
+    # A sighting under the old light crossed the change: nothing comes of it.
+    first.send(protocol.Sighted(before.key, np.arange(5, dtype=np.int32), (0, 0, 5)))
+    first.send(protocol.Sighted(after.key, np.array([7], np.int32), (0, 0, 5)))
+    tiles = first.next(protocol.Tiles)
+    assert tiles.key == after.key
+    assert tiles.ids.tolist() == [7]
+
+
+def test_other_lights_survive_the_sliders(viewer: Viewer) -> None:
+    glow = SphereLight((0, 0, 3), 0.5, 4.0)
+    viewer.session.relight(lights=(glow, Sky(1.0, ground=0.5), Sun((0, 0, 1)), Sun((1, 0, 0), level=0.25)))
+    client = Client(viewer)
+    assert len(client.next(protocol.LightState).globes) == 1
+    client.send(protocol.SetLight(sky=2.0, sun=(0.0, 45.0, 1.0, 15.0)))
+    client.next(protocol.LightState)
+    lights = viewer.session.scene.sources
+    assert lights[0] is glow
+    assert isinstance(lights[1], Sky)
+    assert (lights[1].level, lights[1].ground) == (2.0, 1.0)
+    assert isinstance(lights[3], Sun)
+    assert lights[3].level == 0.25
+
+
+def test_change_of_frame_sends_the_new_particles(viewer: Viewer) -> None:
+    client = Client(viewer)
+    first = client.next(protocol.SceneState)
+    client.send(protocol.SetFrame(1))
+    second = client.next(protocol.SceneState)
+    assert (second.frame, second.count) == (1, COUNT // 2)
+    assert second.epoch != first.epoch
+    while (part := client.next(protocol.Geometry)).epoch != second.epoch:
+        pass
+    assert len(part.radii) == COUNT // 2
+
+
+def test_changes_made_in_python_reach_the_page(viewer: Viewer) -> None:
+    client = Client(viewer)
+    key = client.next(protocol.LightState).key
+    viewer.session.relight(model="ao")
+    light = client.next(protocol.LightState)
+    assert light.model == "ao"
+    assert light.key != key
+
+
+def test_view_camera_is_sent_in_normalised_units() -> None:
+    particles = cloud(50)
+    camera = luxel.Camera((3.0, 2.0, 1.0), (0.5, 0.5, 0.5), height=2.0)
+    session = Session(particles, threads=1, make_baker=lambda scene, spec: InstantBaker())
+    opened = view(session, luxel.View(camera=camera), block=False, open_browser=False, announce=lambda url: None)
+    with session, opened:
+        sent = Client(opened).next(protocol.SceneState).view["camera"]
+    spheres = SphereSet.of(particles)
+    np.testing.assert_allclose(spheres.center + spheres.unit * np.array(sent["eye"]), [3, 2, 1])
+    assert sent["height"] * spheres.unit == pytest.approx(2.0)
+
+
+def test_address_is_announced_once_and_works(viewer: Viewer) -> None:
+    told: list[str] = []
+    session = viewer.session
+    with view(session, block=False, open_browser=False, announce=told.append) as second:
+        assert told == [second.url]
+        assert second.url.split("=")[1] != viewer.url.split("=")[1]
+        assert get(second, token_path(second))[0].status == 200
+    with pytest.raises(ConnectionRefusedError):
+        get(second, "/")
+    assert session.status().particles == COUNT  # a session that was given stays open
+
+
+def test_wrong_use_is_refused(viewer: Viewer) -> None:
+    with pytest.raises(InputError, match="model"):
+        view(viewer.session, model="ao")
+    taken = socket.create_server(("127.0.0.1", 0))
+    with taken, pytest.raises(InputError, match="--port"):
+        view(viewer.session, port=taken.getsockname()[1], block=False)
