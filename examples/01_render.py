@@ -12,8 +12,12 @@ angle = 14 * np.pi * turns
 spiral = np.stack([np.cos(angle), np.sin(angle), 2.4 * turns], axis=1) * (0.4 + 0.6 * turns[:, None])
 positions = spiral + rng.normal(0, 0.04, spiral.shape)
 
-particles = luxel.Particles(positions, radii=rng.uniform(0.015, 0.035, len(positions)), scalars={"height": positions[:, 2]})
-scene = luxel.Scene(particles, lights=[luxel.Sky(1.0), luxel.Sun(direction=(-1, -2, 3), level=2.0, angular_diameter=15)])
+particles = luxel.Particles(
+    positions, radii=rng.uniform(0.015, 0.035, len(positions)), scalars={"height": positions[:, 2]}
+)
+scene = luxel.Scene(
+    particles, lights=[luxel.Sky(1.0), luxel.Sun(direction=(-1, -2, 3), level=2.0, angular_diameter=15)]
+)
 view = luxel.View(color_by="height", colormap="viridis")
 
 image = luxel.render(scene, view, size=(480, 320), samples=4)

@@ -7,7 +7,9 @@ import numpy as np
 import luxel
 
 grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 16)] * 3, indexing="ij"), -1).reshape(-1, 3)
-keep = (np.linalg.norm(grid, axis=1) > 0.8) & (np.abs(grid[:, 0] + grid[:, 1]) > 0.25)  # a hollow, cracked block
+keep = (np.linalg.norm(grid, axis=1) > 0.8) & (
+    np.abs(grid[:, 0] + grid[:, 1]) > 0.25
+)  # a hollow, cracked block
 positions = grid[keep]
 particles = luxel.Particles(
     positions, scalars={"x": positions[:, 0], "distance": np.linalg.norm(positions, axis=1)}
@@ -15,7 +17,9 @@ particles = luxel.Particles(
 
 scene = luxel.Scene(particles)
 textures = luxel.bake(scene, samples=4, mode="fast")
-print(f"{len(textures.ids)} textures, {textures.nbytes / 2**20:.1f} MiB, {textures.clipped_count} clipped texels")
+print(
+    f"{len(textures.ids)} textures, {textures.nbytes / 2**20:.1f} MiB, {textures.clipped_count} clipped texels"
+)
 
 Path("out").mkdir(exist_ok=True)
 for name, color_by, colormap, azimuth in (("a", "x", "viridis", -60), ("b", "distance", "magma", 20)):

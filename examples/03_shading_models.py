@@ -7,7 +7,11 @@ import numpy as np
 import luxel
 
 rng = np.random.default_rng(1)
-plate = np.stack(np.meshgrid(np.arange(36), np.arange(36), np.arange(5), indexing="ij"), -1).reshape(-1, 3).astype(float)
+plate = (
+    np.stack(np.meshgrid(np.arange(36), np.arange(36), np.arange(5), indexing="ij"), -1)
+    .reshape(-1, 3)
+    .astype(float)
+)
 crack = np.abs(plate[:, 1] - 18 - 3 * np.sin(plate[:, 0] / 5)) < 1.2
 particles = luxel.Particles(plate[~crack] + rng.normal(0, 0.05, (np.count_nonzero(~crack), 3)), 0.55)
 

@@ -16,8 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-FLOOR = 0.19  # what lies below is cut off
-LEAST_PIECE = 500  # smaller pieces that came off are left out
+FLOOR = 0.30  # what lies below is cut off
+LEAST_PIECE = 3000  # smaller pieces that came off are left out
 SCALARS = {
     "stress": "stress",
     "plastic_strain": "plastic_strain",

@@ -136,7 +136,7 @@ class Session:
         clock: Callable[[], float] = time.monotonic,
         make_baker: MakeBaker | None = None,
     ) -> None:
-        self.spec = TextureSpec(mode="fast", samples=16) if spec is None else spec
+        self.spec = TextureSpec(mode="fast", samples=4) if spec is None else spec
         self.view = view
         self._thread_count = 0 if threads == 0 else thread_count(threads)
         self._make_baker = self._new_baker if make_baker is None else make_baker

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import socket
+import time
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -25,6 +26,7 @@ from tests.scenes import cloud
 
 COUNT = 3000
 TEXELS = 4
+GUARD_S = 15.0
 
 
 class InstantBaker:
@@ -54,7 +56,7 @@ class Client:
         query = options.pop("query", where.query)
         self.socket = websocket.create_connection(
             f"ws://{where.netloc}/ws?{query}",
-            timeout=30,
+            timeout=GUARD_S,
             subprotocols=options.pop("subprotocols", [protocol.SUBPROTOCOL]),
             **{"suppress_origin": True, **options},
         )
@@ -67,12 +69,14 @@ class Client:
 
     def next(self, kind: type[protocol.Message]) -> Any:
         """Wait for the next message of a kind."""
-        while True:
+        deadline = time.monotonic() + GUARD_S  # the server's pings would keep a plain timeout from ever firing
+        while time.monotonic() < deadline:
             opcode, data = self.socket.recv_data()
             assert opcode == websocket.ABNF.OPCODE_BINARY, f"closed: {data!r}"
             self.heard.append(protocol.decode(data))
             if isinstance(self.heard[-1], kind):
                 return self.heard[-1]
+        raise TimeoutError(f"no {kind.__name__} within {GUARD_S:g} s; heard {self.heard[-5:]}")
 
     def closed(self) -> tuple[int, str]:
         """Wait for the close frame; return its code and reason."""

@@ -57,11 +57,11 @@ def test_pixels_equal_mitsuba(mitsuba, kind):
         lights = (luxel.Sky(1.0),)
         emitters = {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}}
     else:
-        lights = (luxel.SphereLight((-3.0, -4.0, 5.0), 1.0, 20.0),)
+        lights = (luxel.SphereLight((-3.0, -4.0, 5.0), 1.0, 10.0),)
         emitters = {
             "lamp": {
                 "type": "sphere", "center": [-3.0, -4.0, 5.0], "radius": 1.0,
-                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 20.0}},
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 10.0}},
             }
         }  # fmt: skip
     scene = luxel.Scene(particles, lights, albedo=ALBEDO)
@@ -72,12 +72,11 @@ def test_pixels_equal_mitsuba(mitsuba, kind):
     image = render(scene, view, size=SIZE, light="pixel", samples=144, antialias=1)
     ours = image.array[..., 0]
     theirs = mitsuba_radiance(mitsuba, particles, camera, emitters)
-    if kind != "sky":  # undo our tone curve: both as plain radiance
+    if kind != "sky":
         from luxel.light.lights import scene_white
 
         white = scene_white(scene)
-        x = np.maximum(theirs / ALBEDO, 0)
-        theirs = ALBEDO * (np.minimum(1, x * (1 + x / white**2) / (1 + x)) if white > 1 else np.minimum(1, x))
+        assert white <= 1, "dim enough for a linear tone curve"
     # Compare where the whole pixel lies on one sphere: neighbours have the same id.
     inner = np.zeros_like(image.ids, bool)
     core = image.ids[1:-1, 1:-1]

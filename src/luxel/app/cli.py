@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import luxel
 from luxel.app.options import (
     LIGHTS,
+    SunOption,
     add_file_options,
     add_scene_options,
     aim,
@@ -91,18 +92,18 @@ def _parser() -> argparse.ArgumentParser:
         help="light from luminance textures, or traced anew for every pixel (default: texture)",
     )
     render.add_argument("--json", action="store_true", help="print what was drawn as JSON")
-    add_scene_options(render, samples=" (default: 9), or a pixel with --light pixel (default: 64)")
+    add_scene_options(render, samples=" (default: 4), or a pixel with --light pixel (default: 64)")
 
     view = _command(commands, "view", _view, "look at particles in the browser")
     add_file_options(view)
     _add_server_options(view)
-    add_scene_options(view, samples=" (default: 16)")
+    add_scene_options(view, samples=" (default: 4)")
 
     demo = _command(commands, "demo", _demo, "look at the data set that comes with luxel")
     _add_picture_options(demo, "--render")
     _add_server_options(demo)
     demo.set_defaults(light="texture", json=False)
-    add_scene_options(demo, samples=" (default: 16, for --render 9)")
+    add_scene_options(demo, samples=" (default: 4, for --render 1)")
     return parser
 
 
@@ -178,11 +179,15 @@ def _demo(options: argparse.Namespace) -> None:
     from luxel.picture.image import check_output
 
     view = build_view(options, demo_view())
+    if options.sun is None:
+        options.sun = [SunOption(155.0, 32.0)]  # to the left of the preset's camera
     if options.output is None:
         particles = demo_particles()
         _serve(options, particles, None, view, particles)
     else:
         check_output(options.output)
+        if options.samples is None and options.light == "texture":
+            options.samples = 1  # a good picture of this data set, and nobody wants to wait for a first one
         _draw(options, demo_particles(), view, {"file": "demo", "frame": 0})
 
 
@@ -211,7 +216,7 @@ def _draw(options: argparse.Namespace, particles: Particles, view: View, origin:
     started = time.perf_counter()
     if options.light == "texture":  # refuses bad values before the work
         TextureSpec(
-            samples=9 if options.samples is None else options.samples, mode=options.mode, seed=options.seed
+            samples=4 if options.samples is None else options.samples, mode=options.mode, seed=options.seed
         )
     scene = _scene(Scene, options, particles, view)
     view = aim(options, view, particles, options.size)
@@ -268,7 +273,7 @@ def _serve(
     from luxel.session import Session
     from luxel.textures.spec import TextureSpec
 
-    samples = 16 if options.samples is None else options.samples
+    samples = 4 if options.samples is None else options.samples
     spec = TextureSpec(samples=samples, mode=options.mode, seed=options.seed)
     view = aim(options, view, particles, (16, 9))
     if view.color_by is not None:

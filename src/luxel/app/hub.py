@@ -141,6 +141,7 @@ class Hub:
                 page.greeted = True
                 await self._catch_up()
                 self._introduce(page)
+                self._status_soon()
             case protocol.Sighted():
                 await self._sighted(page, message)
             case protocol.Confirm():

@@ -18,7 +18,7 @@ __all__ = ["demo_particles", "demo_view"]
 
 @cache
 def demo_particles() -> Particles:
-    """Return about 110,000 particles of a crushed open-cell foam with stress, plastic_strain, velocity and pressure."""
+    """Return about 75,000 particles of a crushed open-cell foam with stress, plastic_strain, velocity and pressure."""
     with files(__name__).joinpath("foam.npz").open("rb") as file, np.load(file, allow_pickle=False) as stored:
         names = [name for name in stored.files if not name.endswith("_ends")]
         values = {name: _restored(stored[name], stored[f"{name}_ends"]) for name in names}
@@ -28,7 +28,7 @@ def demo_particles() -> Particles:
 def demo_view() -> View:
     """Return the view that shows the data set at its best: into the cavities, on a map that is pale where nothing happens."""
     return View(
-        camera=Camera(eye=(0.85, -1.13, 1.07), target=(0.497, 0.497, 0.40), fov=21.0),
+        camera=Camera(eye=(-0.6, -0.9, 1.25), target=(0.50, 0.49, 0.46), fov=18.0),
         color_by="stress",
         colormap="YlOrRd",
     )

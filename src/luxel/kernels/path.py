@@ -83,25 +83,28 @@ def buried(tree, work, x, y, z, skip):
 
 @kernel
 def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
-    """One-sample estimate of T(p) = (1/π) ∫ L_in cosθ dω at a point of `sphere` that is not buried."""
+    """One-sample estimate of T(p) = (1/π) ∫ L_in cosθ dω at a point of `sphere`; negative where a neighbour buries it."""
     tree, lights = world.tree, world.lights
+    if world.model != INTERREFLECTION:
+        if buried(tree, work, px, py, pz, sphere):
+            return -_ONE
+        return _one_bounce(world, work, sphere, px, py, pz, nx, ny, nz, state)
     total, weight = _ZERO, _ONE
-    if world.model == LAMBERTIAN:
-        direct, state = direct_light(tree, work, lights, False, px, py, pz, nx, ny, nz, sphere, state)
-        return direct + sky_irradiance(lights.sky, nx, ny, nz)
     bounces = 0
     while True:
-        if world.model != AO:
-            direct, state = direct_light(tree, work, lights, True, px, py, pz, nx, ny, nz, sphere, state)
-            total += weight * direct
         state = next_state(state)
         u, v = uniform(state)
         dx, dy, dz = cosine_direction(nx, ny, nz, u, v)
-        if world.model != INTERREFLECTION:
-            if not occluded(tree, work, px, py, pz, dx, dy, dz, world.reach, sphere):
-                total += escape_radiance(lights, px, py, pz, dx, dy, dz)
-            return total
         t, hit = trace(tree, work, px, py, pz, dx, dy, dz, np.float32(1e30), sphere, False)
+        hx, hy, hz = px, py, pz
+        if hit >= 0:
+            cx, cy, cz = world.centers[hit, 0], world.centers[hit, 1], world.centers[hit, 2]
+            hx, hy, hz = px + t * dx - cx, py + t * dy - cy, pz + t * dz - cz
+            if hx * dx + hy * dy + hz * dz >= 0:
+                # The ray started inside a neighbour: this one trace has answered whether the point is buried.
+                return -_ONE if bounces == 0 else total
+        direct, state = direct_light(tree, work, lights, True, px, py, pz, nx, ny, nz, sphere, state)
+        total += weight * direct
         if hit < 0:
             return total + weight * escape_radiance(lights, px, py, pz, dx, dy, dz)
         if bounces == world.max_bounces:
@@ -114,15 +117,29 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
         if u >= survival:
             return total
         weight /= survival
-        cx, cy, cz = world.centers[hit, 0], world.centers[hit, 1], world.centers[hit, 2]
-        nx, ny, nz = px + t * dx - cx, py + t * dy - cy, pz + t * dz - cz
-        if nx * dx + ny * dy + nz * dz >= 0:
-            return total  # it started inside a neighbour
-        scale = _ONE / np.sqrt(nx * nx + ny * ny + nz * nz)
-        nx, ny, nz = nx * scale, ny * scale, nz * scale
+        scale = _ONE / np.sqrt(hx * hx + hy * hy + hz * hz)
+        nx, ny, nz = hx * scale, hy * scale, hz * scale
         r = world.radii[hit]
         px, py, pz = cx + r * nx, cy + r * ny, cz + r * nz
         sphere = hit
+
+
+@kernel
+def _one_bounce(world, work, sphere, px, py, pz, nx, ny, nz, state):
+    """Sky and direct light without interreflection: the three simpler models."""
+    tree, lights = world.tree, world.lights
+    total = _ZERO
+    if world.model != AO:
+        shadows = world.model == SHADOWS
+        total, state = direct_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, sphere, state)
+        if not shadows:
+            return total + sky_irradiance(lights.sky, nx, ny, nz)
+    state = next_state(state)
+    u, v = uniform(state)
+    dx, dy, dz = cosine_direction(nx, ny, nz, u, v)
+    if not occluded(tree, work, px, py, pz, dx, dy, dz, world.reach, sphere):
+        total += escape_radiance(lights, px, py, pz, dx, dy, dz)
+    return total
 
 
 @kernel
@@ -156,9 +173,9 @@ def sample_texels(world, ids, grid, mean, variance, exposed):
                     v = (np.float32(row * grid + s // grid) + jv) * step
                     nx, ny, nz = latlong_direction(u, v)
                     px, py, pz = cx + r * nx, cy + r * ny, cz + r * nz
-                    if buried(world.tree, work, px, py, pz, sphere):
-                        continue
                     value = luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state)
+                    if value < 0:
+                        continue
                     total += value
                     total2 += value * value
                     count += 1

@@ -116,20 +116,25 @@ def shade_pixels(
             py = world.centers[sphere, 1] + r * ny
             pz = world.centers[sphere, 2] + r * nz
             luminance = np.float32(0)
+            count = 0
             for s in range(samples):
                 state = path_key(world.seed, y * width + x, 0, first_sample + s, PURPOSE_PIXEL)
-                luminance += luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state)
-            _add(total[y, x], colors, sphere, luminance / np.float32(samples))
+                value = luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state)
+                if value >= 0:  # rounding can bury a visible point at the seam of two spheres
+                    luminance += value
+                    count += 1
+            _add(total[y, x], colors, sphere, luminance / np.float32(max(count, 1)))
 
 
 @kernel
 def develop(total, rays, exposure, white, background, picture):
     """Turn `total` of `rays` rays a pixel into linear colours (H, W, 3): tone curve on luminance, then colour, then background.
 
-    The tone curve is Reinhard's extended one (2002): `white` displays as 1; linear when white <= 1. It acts on
-    luminance alone, so that a pixel keeps the chromaticity of its colours however bright it is lit (paper 3.1).
+    The tone curve is Reinhard's extended one (2002) after a factor of white^-0.6: `white` displays as 1, and where
+    white <= 1 it is linear. It acts on luminance alone, so that a pixel keeps the chromaticity of its colours however bright it is lit (paper 3.1).
     """
     scale = _ONE / np.float32(rays)
+    toe = white ** np.float32(-0.6)  # keeps contrast in the shade of a strong sun
     for y in range(total.shape[0]):
         for x in range(total.shape[1]):
             cover = total[y, x, 4] * scale
@@ -138,7 +143,8 @@ def develop(total, rays, exposure, white, background, picture):
             if luminance > 0:
                 v = luminance / total[y, x, 4] * exposure
                 if white > _ONE:
-                    v = v * (_ONE + v / (white * white)) / (_ONE + v)
+                    v *= toe
+                    v = v * (_ONE + v / (toe * white * toe * white)) / (_ONE + v)
                 gain = min(v, _ONE) * cover / luminance
             for c in range(3):
                 picture[y, x, c] = total[y, x, c] * gain + background[c] * (_ONE - cover)

@@ -31,6 +31,8 @@ class TextureFilter:
         (r, D) float64, orthonormal rows.
     power
         (r,) float64, the signal's variance along each row.
+    rest
+        (D,) float64, the signal's variance in each texel that the basis leaves out.
     noise
         Variance of one sample, averaged over the training set.
     """
@@ -38,6 +40,7 @@ class TextureFilter:
     mean: NDArray[np.float64]
     basis: NDArray[np.float64]
     power: NDArray[np.float64]
+    rest: NDArray[np.float64]
     noise: float
 
     @classmethod
@@ -57,12 +60,15 @@ class TextureFilter:
         covariance = offset.T @ offset / max(1, count - 1)
         texel_noise = (variance.reshape(count, -1) / np.maximum(weight, 1)).mean(axis=0)
         covariance[np.diag_indices_from(covariance)] -= texel_noise
+        signal = covariance.diagonal().copy()
         power, vectors = np.linalg.eigh(covariance)
         keep = min(_BASIS_COUNT, max(1, count - 1), len(power))
         power, vectors = power[::-1][:keep], vectors[:, ::-1][:, :keep]
         # A direction with less signal than the uncertainty of its own estimate would only add noise.
         floor = 1e-6 * max(float(power[0]), 1e-12)
-        return cls(center, np.ascontiguousarray(vectors.T), np.maximum(power, floor), noise)
+        power = np.maximum(power, floor)
+        rest = np.maximum(signal - (vectors**2) @ power, floor)
+        return cls(center, np.ascontiguousarray(vectors.T), power, rest, noise)
 
     def apply(
         self, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint16]
@@ -77,15 +83,21 @@ class TextureFilter:
         weight = exposed.reshape(count, size).astype(np.float64)
         spread = variance.reshape(count, size).astype(np.float64)
         known = weight > 1
-        noise = (np.where(known, spread, 0.0).sum(axis=1) + _PRIOR_TEXELS * self.noise) / (known.sum(axis=1) + _PRIOR_TEXELS)
-        weight /= np.maximum(noise, 1e-12)[:, None]
+        noise = (np.where(known, spread, 0.0).sum(axis=1) + _PRIOR_TEXELS * self.noise) / (
+            known.sum(axis=1) + _PRIOR_TEXELS
+        )
+        noise = np.maximum(noise, 1e-12)[:, None]
+        # What the basis cannot express counts as noise for its coefficients, and is kept texel by texel afterwards.
+        gain = weight * self.rest / (noise + weight * self.rest)
+        weight /= noise + weight * self.rest
         # Stacked products and solves run one texture at a time inside: the same bits whatever the batch.
         projected = self.basis[None] * weight[:, None, :]
         matrix = projected @ self.basis.T
         diagonal = np.arange(len(self.power))
         matrix[:, diagonal, diagonal] += 1.0 / self.power
         coefficients = np.linalg.solve(matrix, projected @ (samples - self.mean)[:, :, None])
-        estimate = np.maximum(self.mean + (coefficients.swapaxes(1, 2) @ self.basis)[:, 0], 0.0)
+        estimate = self.mean + (coefficients.swapaxes(1, 2) @ self.basis)[:, 0]
+        estimate = np.maximum(estimate + gain * (samples - estimate), 0.0)
         estimate[~(weight > 0).any(axis=1)] = 0.0
         return estimate.reshape(shape).astype(np.float32)
 

@@ -64,7 +64,7 @@ def render(
     light
         ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
     samples
-        Of light: a texel (a square number, default 9) or a pixel (default 64).
+        Of light: a texel (a square number, default 4) or a pixel (default 64).
     mode, seed
         Of the textures that are baked here, see :class:`luxel.TextureSpec`.
     antialias
@@ -74,7 +74,7 @@ def render(
     colorbar
         Draw the colour bar, when the view colours by a scalar.
     key
-        The light key to ask `textures` for; by default that of a `LuminanceTextures`.
+        The light key to ask `textures` for; by default their own.
     progress
         Called as ``progress(done, total)``.
 
@@ -257,7 +257,7 @@ def _table(
     count = len(scene.particles)
     if textures is not None:
         if key is None:
-            key = textures.key if isinstance(textures, LuminanceTextures) else light_key(scene, TextureSpec())
+            key = textures.key
         table = textures.snapshot(key)
         if len(table.slot) != count:
             raise InputError(f"the textures are of {len(table.slot)} particles, the scene has {count}")
@@ -265,7 +265,7 @@ def _table(
     if scene.model == "lambertian":
         none = np.full(count, -1, np.int32)
         return TextureTable(none, np.zeros((1, 16, 16), np.uint8), decoding_table(1.0, "linear"))
-    spec = TextureSpec(samples=9 if samples is None else samples, mode=mode, seed=seed)
+    spec = TextureSpec(samples=4 if samples is None else samples, mode=mode, seed=seed)
     visible = _visible(world, eye, *size, shifts, threads)
     return bake_with(Baker(scene, spec), visible, progress=progress, threads=threads).snapshot(
         light_key(scene, spec)

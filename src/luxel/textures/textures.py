@@ -106,6 +106,11 @@ class LuminanceTextures:
 class TextureSource(Protocol):
     """Where a renderer gets textures from: a finished bake, or the dynamic cache."""
 
+    @property
+    def key(self) -> str:
+        """The light key of the textures that it makes or holds now."""
+        ...
+
     def snapshot(self, key: str) -> TextureTable:
         """Return a consistent, immutable table for one frame."""
         ...

@@ -187,18 +187,26 @@ vec3 colorOf(int id) {
 
 void main() {
   uint found = texelFetch(uIds, ivec2(gl_FragCoord.xy), 0).r;
-  if (found == 0u) { outSum = vec4(0); outCover = 0.0; return; }
-  int id = int(found) - 1;
-  vec4 s = sphereAt(id);
-  vec3 origin, ray;
-  float t = hit(s, gl_FragCoord.xy, origin, ray);
-  vec3 n = uBasis * normalize(origin + t * ray - s.xyz);
-  int tile = uUseTiles ? texelFetch(uSlots, place(id, textureSize(uSlots, 0).x), 0).r : -1;
-  float luminance;
-  if (tile >= 0) luminance = textured(tile, n);
-  else luminance = lambert(texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0).xyz + s.w * n, n);
-  outSum = vec4(luminance * colorOf(id), luminance);
-  outCover = 1.0;
+  vec4 sum = vec4(0);
+  float cover = 0.0;
+  // Loops of one turn, because processors that draw in software skip a loop that no pixel needs, but never a branch.
+  for (bool turn = found != 0u; turn; turn = false) {
+    int id = int(found) - 1;
+    vec4 s = sphereAt(id);
+    vec3 origin, ray;
+    float t = hit(s, gl_FragCoord.xy, origin, ray);
+    vec3 n = uBasis * normalize(origin + t * ray - s.xyz);
+    int tile = uUseTiles ? texelFetch(uSlots, place(id, textureSize(uSlots, 0).x), 0).r : -1;
+    float luminance = 0.0;
+    for (bool lit = tile >= 0; lit; lit = false) luminance = textured(tile, n);
+    for (bool bare = tile < 0; bare; bare = false) {
+      luminance = lambert(texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0).xyz + s.w * n, n);
+    }
+    sum = vec4(luminance * colorOf(id), luminance);
+    cover = 1.0;
+  }
+  outSum = sum;
+  outCover = cover;
 }`;
 
 /** Every uStep-th pixel of the id buffer, for reading back. */
@@ -233,7 +241,11 @@ void main() {
   float cover = min(1.0, hits / uCount), gain = 0.0;
   if (sum.a > 0.0 && hits > 0.0) {
     float v = sum.a / hits * uExposure;
-    if (uWhite > 1.0) v = v * (1.0 + v / (uWhite * uWhite)) / (1.0 + v);
+    if (uWhite > 1.0) {
+      float toe = pow(uWhite, -0.6), high = toe * uWhite;
+      v *= toe;
+      v = v * (1.0 + v / (high * high)) / (1.0 + v);
+    }
     gain = min(v, 1.0) * cover / sum.a;
   }
   vec3 c = encode(clamp(sum.rgb * gain + mix(uBottom, uTop, at.y) * (1.0 - cover), 0.0, 1.0));

@@ -1,0 +1,198 @@
+"""The whole viewer in a real headless Chromium: light arrives, and the picture is the ray tracer's."""
+
+from __future__ import annotations
+
+import base64
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import luxel
+from luxel import render
+from luxel.app.viewer import Viewer, view
+from luxel.session import Session
+from luxel.textures.spec import TextureSpec
+from tests.app.chromium import Page, find
+from tests.conftest import shared_data
+
+pytestmark = [pytest.mark.browser, pytest.mark.shared_data]
+
+WINDOW = (640, 300)
+WAIT_S = 120.0  # only ever waited for when a test is about to fail
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[Viewer]:
+    series = luxel.open(shared_data("mpm_generated/bullet_008.npz"))
+    look = luxel.View(color_by="velocity_magnitude", colormap="plasma")
+    spec = TextureSpec(mode="paper", samples=1, texels=8)
+    with (
+        Session(series, spec=spec, view=look, threads=2) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as opened,
+    ):
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def page(viewer: Viewer, request: pytest.FixtureRequest) -> Iterator[Page]:
+    if find() is None:
+        if os.environ.get("LUXEL_NO_SKIP") == "1":
+            pytest.fail("no Chromium found; set LUXEL_CHROMIUM")
+        pytest.skip("no Chromium found")
+    with Page(viewer.url, WINDOW) as opened:
+        failed_before = request.session.testsfailed
+        yield opened
+        if request.session.testsfailed > failed_before:
+            folder = Path(os.environ.get("LUXEL_PICTURES", tempfile.gettempdir()))
+            saved = opened.screenshot(folder / "luxel-browser-failure.png")
+            print(f"screenshot: {saved}; the page said: {opened.messages}")  # noqa: T201
+
+
+def settle(page: Page) -> dict[str, Any]:
+    """Wait until all that is visible is known and lit; return the page's state."""
+    lit = "(s => s.settled && s.visible > 0 && s.ready === s.visible && s.samples === 16)(luxel.state())"
+    page.wait(f"window.luxel && {lit}", WAIT_S)
+    return page.run("luxel.state()")
+
+
+def capture(page: Page) -> tuple[np.ndarray, np.ndarray]:
+    """The page's picture (H, W, 3) uint8 and ids (H, W) int32, one ray through the middle of every pixel."""
+    found = page.run("luxel.capture()")
+    shape = (found["height"], found["width"])
+    pixels = np.frombuffer(base64.b64decode(found["pixels"]), np.uint8).reshape(*shape, 4)
+    ids = np.frombuffer(base64.b64decode(found["ids"]), np.int32).reshape(shape)
+    return pixels[::-1, :, :3], ids[::-1]
+
+
+def choose(page: Page, control: str, value: str, event: str = "change") -> None:
+    page.run(
+        f"(() => {{ const c = document.getElementById({control!r}); c.value = {value!r};"
+        f" c.dispatchEvent(new Event({event!r})); }})()"
+    )
+
+
+def agree(page: Page, viewer: Viewer, look: luxel.View, what: str) -> None:
+    """The page and the ray tracer draw the same picture, from the page's camera and the session's textures."""
+    pixels, ids = capture(page)
+    camera = luxel.Camera(**page.run("luxel.camera()"))
+    session = viewer.session
+    height, width = ids.shape
+    picture = render(
+        session.scene,
+        look.with_changes(camera=camera),
+        session.source,
+        (width, height),
+        antialias=1,
+        colorbar=False,
+        key=session.key,
+    )
+    folder = Path(os.environ.get("LUXEL_PICTURES", tempfile.gettempdir()))
+    try:
+        covered = (ids >= 0) | (picture.ids >= 0)
+        assert covered.mean() > 0.1
+        same = (ids == picture.ids) & covered
+        assert same.sum() >= 0.99 * covered.sum()
+        difference = np.abs(pixels.astype(int) - picture.pixels[..., :3].astype(int))[same]
+        assert difference.mean() <= 2.0
+        assert (difference.max(axis=1) > 12).mean() < 0.01
+    except AssertionError:
+        Image.fromarray(np.ascontiguousarray(pixels)).save(folder / f"luxel-{what}-page.png")
+        picture.save(folder / f"luxel-{what}-ray-tracer.png")
+        raise
+
+
+LOOK = luxel.View(color_by="velocity_magnitude", colormap="plasma")
+
+
+def test_light_arrives(page: Page, viewer: Viewer) -> None:
+    """First the particles without global light, then a texture for every visible one."""
+    page.wait("window.luxel && luxel.state().loaded > 0 && luxel.state().frames > 0", WAIT_S)
+    first = page.wait("luxel.state()", WAIT_S, lambda state: state["visible"] > 100)
+    assert first["ready"] < first["visible"]
+    last = settle(page)
+    assert last["received"] >= last["visible"] > 1000
+    assert last["visible"] < 0.5 * last["particles"]  # what is hidden was never asked for
+    assert last["requested"] < 0.5 * last["particles"]
+    assert last["troubles"] == {}
+    agree(page, viewer, LOOK, "start")
+
+
+def test_recolouring_costs_no_light(page: Page, viewer: Viewer) -> None:
+    before = settle(page)
+    choose(page, "color-by", "pressure")
+    choose(page, "colormap", "coolwarm")
+    page.wait("luxel.state().coloring", WAIT_S, lambda text: "pressure" in text and "coolwarm" in text)
+    after = settle(page)
+    assert (after["requested"], after["received"], after["key"]) == (
+        before["requested"],
+        before["received"],
+        before["key"],
+    )
+    agree(page, viewer, luxel.View(color_by="pressure", colormap="coolwarm"), "recoloured")
+    choose(page, "colormap", "tab10")
+    choose(page, "color-by", "material")
+    page.wait("luxel.state().coloring", WAIT_S, lambda text: "material" in text and "tab10" in text)
+    agree(page, viewer, luxel.View(color_by="material", colormap="tab10"), "categorical")
+
+
+def test_orbiting_lights_what_comes_into_sight(page: Page, viewer: Viewer) -> None:
+    choose(page, "color-by", "velocity_magnitude")
+    choose(page, "colormap", "plasma")
+    before = settle(page)
+    width, height = before["width"], before["height"]
+    page.drag((0.3 * width, 0.4 * height), (0.8 * width, 0.9 * height))
+    page.wait("luxel.state().requested", WAIT_S, lambda count: count > before["requested"])
+    after = settle(page)
+    assert after["received"] > before["received"]
+    assert after["requested"] - before["requested"] < after["visible"]  # what was lit already stays lit
+    agree(page, viewer, LOOK, "orbited")
+
+
+def test_orthographic_and_close_views_agree(page: Page, viewer: Viewer) -> None:
+    page.run("document.getElementById('orthographic').click()")
+    settle(page)
+    agree(page, viewer, LOOK, "orthographic")
+    page.run("document.getElementById('orthographic').click()")
+    # Right above the surface, between particles: spheres that reach beside and behind the eye.
+    low, high = viewer.session.particles.bounds
+    eye = np.array([0.7 * low[0] + 0.3 * high[0], 0.5 * (low[1] + high[1]), 0.5 * (low[2] + high[2])])
+    target = 0.5 * (low + high) + [0.0, 0.02, -0.03]
+    page.run(
+        f"luxel.setCamera({{eye: {eye.tolist()}, target: {target.tolist()}, up: [0, 0, 1], fov: 70, height: null}})"
+    )
+    settle(page)
+    agree(page, viewer, LOOK, "close")
+
+
+def test_new_light_replaces_the_old(page: Page, viewer: Viewer) -> None:
+    page.run("document.getElementById('frame-all').click()")
+    before = settle(page)
+    choose(page, "azimuth", "60", "input")
+    page.wait("luxel.state().key", WAIT_S, lambda key: key != before["key"])
+    after = settle(page)
+    assert after["key"] == viewer.session.key
+    agree(page, viewer, LOOK, "relit")
+    choose(page, "model", "lambertian")
+    page.wait("luxel.state().model === 'lambertian'", WAIT_S)
+    agree(page, viewer, LOOK, "lambertian")
+    assert page.run("luxel.state().requested") == after["requested"]
+
+
+def test_page_reconnects_and_draws_nothing_when_idle(page: Page) -> None:
+    page.run("luxel.app.connection.socket.close()")
+    page.wait("luxel.state().connected && Object.keys(luxel.state().troubles).length === 0", WAIT_S)
+    page.wait("(s => s.settled && s.samples === 16 && !luxel.app.scheduled)(luxel.state())", WAIT_S)
+    frames = page.run("luxel.state().frames")
+    for _ in range(20):
+        page.run("new Promise(requestAnimationFrame)")
+    assert page.run("luxel.state().frames") == frames
+
+
+def test_page_reports_no_errors(page: Page) -> None:
+    assert [text for text in page.messages if "performance warning" not in text] == []
