@@ -23,7 +23,7 @@ from tests.conftest import shared_data
 
 pytestmark = [pytest.mark.browser, pytest.mark.shared_data]
 
-WINDOW = (640, 300)
+WINDOW = (420, 300)
 WAIT_S = 120.0  # only ever waited for when a test is about to fail
 
 
@@ -171,7 +171,8 @@ def test_orthographic_and_close_views_agree(page: Page, viewer: Viewer) -> None:
 
 
 def test_new_light_replaces_the_old(page: Page, viewer: Viewer) -> None:
-    page.run("document.getElementById('frame-all').click()")
+    page.run("luxel.setCamera({...luxel.camera(), fov: 30})")
+    page.run("document.querySelector('[data-axis=z]').click()")
     before = settle(page)
     choose(page, "azimuth", "60", "input")
     page.wait("luxel.state().key", WAIT_S, lambda key: key != before["key"])

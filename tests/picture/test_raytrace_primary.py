@@ -55,7 +55,9 @@ def check(particles, camera, width, height):
     assert (expected >= 0).mean() > 0.05
     assert (ids == expected).mean() >= 0.995
     same = (ids == expected) & (ids >= 0)
-    np.testing.assert_allclose(distance[same], t.min(axis=1).reshape(height, width)[same], rtol=1e-3, atol=2e-5)
+    np.testing.assert_allclose(
+        distance[same], t.min(axis=1).reshape(height, width)[same], rtol=1e-3, atol=2e-5
+    )
 
 
 def test_visible_ids_are_those_of_the_picture():

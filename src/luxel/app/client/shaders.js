@@ -49,10 +49,19 @@ uniform int uFirst;
 flat out vec4 vSphere;
 flat out uint vId;
 
-// Ends of a sphere's picture along one axis: the two tangents from the eye.
-vec2 tangents(float x, float z, float r) {
-  float root = r * sqrt(max(0.0, x * x + z * z - r * r));
-  return (x * z + vec2(-root, root)) / (z * z - r * r);
+// Ends of a sphere's picture along one axis: where the two tangents from the eye meet the plane at distance 1.
+// Behind the eye a tangent meets nothing; the picture then reaches to infinity, or is not there at all.
+bool ends(float x, float z, float r, out vec2 range) {
+  range = vec2(-1e9, 1e9);
+  float dd = x * x + z * z;
+  if (dd <= r * r) return true;
+  float l = sqrt(dd - r * r);
+  vec2 across = x * l + vec2(-z, z) * r, ahead = z * l + vec2(x, -x) * r;
+  if (ahead.x > 0.0) range.x = across.x / ahead.x;
+  else if (across.x > 0.0) return false;
+  if (ahead.y > 0.0) range.y = across.y / ahead.y;
+  else if (across.y < 0.0) return false;
+  return true;
 }
 
 void main() {
@@ -68,15 +77,11 @@ void main() {
     low = s.xy - s.w;
     high = s.xy + s.w;
   } else {
-    shown = s.z + s.w > 0.0 && dot(s.xyz, s.xyz) > s.w * s.w; // from inside, a sphere shows no front face
-    if (s.z > s.w) {
-      vec2 x = tangents(s.x, s.z, s.w), y = tangents(s.y, s.z, s.w);
-      low = vec2(x.x, y.x);
-      high = vec2(x.y, y.y);
-    } else { // reaches beside the eye: its picture may have no bounds
-      low = -2.0 * uHalf;
-      high = 2.0 * uHalf;
-    }
+    vec2 x, y;
+    shown = s.z + s.w > 0.0 && dot(s.xyz, s.xyz) > s.w * s.w // from inside, a sphere shows no front face
+      && ends(s.x, s.z, s.w, x) && ends(s.y, s.z, s.w, y);
+    low = vec2(x.x, y.x);
+    high = vec2(x.y, y.y);
   }
   vec2 pixel = 2.0 / uSize;
   low = low / uHalf - uShift * pixel - 0.02 * pixel; // the margin covers rounding
