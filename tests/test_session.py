@@ -83,7 +83,7 @@ def test_a_scene_brings_its_light():
 
 def test_the_default_spec_is_fast():
     with Session(cloud(), threads=0) as session:
-        assert session.spec == TextureSpec(mode="fast", samples=16)
+        assert session.spec == TextureSpec(mode="fast", samples=4)
         assert session.encoding == "sqrt"
 
 

@@ -366,7 +366,7 @@ def test_demo_data():
     assert {"stress", "plastic_strain", "velocity", "pressure"} == set(particles.scalars)
     assert particles.radii.min() > 0
     low, high = particles.bounds
-    np.testing.assert_allclose(high - low, [0.65, 0.61, 0.44], atol=0.01)
+    np.testing.assert_allclose(high - low, [0.65, 0.61, 0.33], atol=0.01)
     assert np.isfinite(demo_view().colors(particles)).all()
 
 

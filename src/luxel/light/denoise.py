@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 __all__ = ["TextureFilter", "dilate"]
 
 _BASIS_COUNT = 32
+# Fewer textures than this teach nothing: samples are taken as they are, and gaps filled from their rims.
+_LEAST_TEXTURES = 64
 # A texture's own noise estimate is blended with the data set's, as if the latter came from this many texels.
 _PRIOR_TEXELS = 32.0
 
@@ -62,10 +64,10 @@ class TextureFilter:
         covariance[np.diag_indices_from(covariance)] -= texel_noise
         signal = covariance.diagonal().copy()
         power, vectors = np.linalg.eigh(covariance)
-        keep = min(_BASIS_COUNT, max(1, count - 1), len(power))
+        keep = min(_BASIS_COUNT, len(power)) if count >= _LEAST_TEXTURES else 0
         power, vectors = power[::-1][:keep], vectors[:, ::-1][:, :keep]
         # A direction with less signal than the uncertainty of its own estimate would only add noise.
-        floor = 1e-6 * max(float(power[0]), 1e-12)
+        floor = 1e-6 * max(float(signal.max()), 1e-12)
         power = np.maximum(power, floor)
         rest = np.maximum(signal - (vectors**2) @ power, floor)
         return cls(center, np.ascontiguousarray(vectors.T), power, rest, noise)
@@ -77,6 +79,8 @@ class TextureFilter:
 
         Every texture is treated alone: what it becomes does not depend on its batch.
         """
+        if len(self.power) == 0:
+            return dilate(mean, exposed > 0)
         shape = mean.shape
         count, size = shape[0], shape[1] * shape[2]
         samples = mean.reshape(count, size).astype(np.float64)
@@ -98,7 +102,12 @@ class TextureFilter:
         coefficients = np.linalg.solve(matrix, projected @ (samples - self.mean)[:, :, None])
         estimate = self.mean + (coefficients.swapaxes(1, 2) @ self.basis)[:, 0]
         estimate = np.maximum(estimate + gain * (samples - estimate), 0.0)
-        estimate[~(weight > 0).any(axis=1)] = 0.0
+        seen = weight > 0
+        # What no sample saw is predicted, but never beyond what was seen elsewhere on the same particle.
+        low = np.where(seen, estimate, np.inf).min(axis=1, keepdims=True)
+        high = np.where(seen, estimate, -np.inf).max(axis=1, keepdims=True)
+        estimate = np.where(seen | (high < low), estimate, np.minimum(np.maximum(estimate, low), high))
+        estimate[~seen.any(axis=1)] = 0.0
         return estimate.reshape(shape).astype(np.float32)
 
 

@@ -453,8 +453,6 @@ class App {
   pick(x, y) {
     if (this.camera === null || this.scene === null) return;
     const { width, height, ids } = this.renderer.capture(this.camera);
-    this.film.restart();
-    this.schedule();
     const id = ids[Math.min(height - 1, Math.floor((1 - y) * height)) * width + Math.min(width - 1, Math.floor(x * width))];
     const readout = element("readout");
     readout.hidden = id < 0;
@@ -501,7 +499,7 @@ function console_(app) {
     state: () => ({
       ...app.counts(),
       requested: app.sight.requested, received: app.tilesReceived, evicted: app.tiles.evicted, dropped: app.tiles.dropped,
-      settled: app.film.settled, particles: app.scene?.count ?? 0, loaded: app.renderer.loaded,
+      known: app.film.centralKnown && !app.renderer.readback.pending, settled: app.film.settled, particles: app.scene?.count ?? 0, loaded: app.renderer.loaded,
       samples: app.film.shown?.count ?? 0, frames: app.renderer.frameCount, frameMs: app.renderer.frameMs, fps: app.fps,
       width: app.canvas.width, height: app.canvas.height, key: app.light?.key ?? "", model: app.light?.model ?? "",
       coloring: app.coloring, connected: app.connection.connected, troubles: Object.fromEntries(app.troubles),
@@ -520,8 +518,6 @@ function console_(app) {
     /** The picture (RGBA) and ids of pixel centres, rows from the bottom, as base64. */
     capture: () => {
       const { width, height, pixels, ids } = app.renderer.capture(/** @type {Camera} */ (app.camera));
-      app.film.restart();
-      app.schedule();
       return { width, height, pixels: base64(pixels), ids: base64(ids) };
     },
   };

@@ -162,7 +162,7 @@ export class Renderer {
     if (this.targets) for (const target of Object.values(this.targets).flat()) target.delete();
     this.targets = {
       ids: new Target(gl, width, height, ["r32ui"], true),
-      sums: [0, 1].map(() => new Target(gl, width, height, ["rgba16f", "r16f"], false)),
+      sums: [0, 1, 2].map(() => new Target(gl, width, height, ["rgba16f", "r16f"], false)),
       capture: new Target(gl, width, height, ["rgba8"], false),
       sweep: new Target(gl, width, height, ["r32ui"], false),
     };
@@ -303,8 +303,8 @@ export class Renderer {
     const targets = /** @type {NonNullable<typeof this.targets>} */ (this.targets);
     const { width, height } = this.canvas;
     const shape = { width, height, epoch: 0 };
-    this.drawSample(camera, [0, 0], shape, 1, true);
-    this.present(1, 1, shape, targets.capture);
+    this.drawSample(camera, [0, 0], shape, 2, true); // a third pair, so that the picture on screen goes on undisturbed
+    this.present(2, 1, shape, targets.capture);
     const pixels = new Uint8Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
     const wide = new Uint32Array(4 * width * height);
