@@ -100,7 +100,7 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
         if hit >= 0:
             cx, cy, cz = world.centers[hit, 0], world.centers[hit, 1], world.centers[hit, 2]
             hx, hy, hz = px + t * dx - cx, py + t * dy - cy, pz + t * dz - cz
-            if hx * dx + hy * dy + hz * dz >= 0:
+            if t <= 0:
                 # The ray started inside a neighbour: this one trace has answered whether the point is buried.
                 return -_ONE if bounces == 0 else total
         direct, state = direct_light(tree, work, lights, True, px, py, pz, nx, ny, nz, sphere, state)
