@@ -58,7 +58,13 @@ class Page:
         self.messages: list[str] = []
         self._numbers = itertools.count(1)
         self._process = subprocess.Popen(
-            [program, *_FLAGS, f"--user-data-dir={self._profile}", f"--window-size={size[0]},{size[1]}", "about:blank"],
+            [
+                program,
+                *_FLAGS,
+                f"--user-data-dir={self._profile}",
+                f"--window-size={size[0]},{size[1]}",
+                "about:blank",
+            ],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -69,7 +75,13 @@ class Page:
             self.call("Page.enable")
             self.call("Runtime.enable")
             self.call("Log.enable")
-            self.call("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
+            self.call(
+                "Emulation.setDeviceMetricsOverride",
+                width=size[0],
+                height=size[1],
+                deviceScaleFactor=1,
+                mobile=False,
+            )
             scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
             self.call("Emulation.setEmulatedMedia", features=[scheme])
             self.call("Page.navigate", url=url)
@@ -109,7 +121,9 @@ class Page:
                 if check(value):
                     return value
             if time.monotonic() > deadline:
-                raise TimeoutError(f"waited {timeout_s:g} s for {script}; last: {value!r}; page: {self.messages}")
+                raise TimeoutError(
+                    f"waited {timeout_s:g} s for {script}; last: {value!r}; page: {self.messages}"
+                )
             # The page itself waits for its next frame: no guess about how long things take.
             self.call("Runtime.evaluate", expression="new Promise(requestAnimationFrame)", awaitPromise=True)
 
@@ -123,7 +137,9 @@ class Page:
         """Drag with the left mouse button."""
         self._mouse("mousePressed", start, 1)
         for k in range(1, steps + 1):
-            self._mouse("mouseMoved", tuple(a + (b - a) * k / steps for a, b in zip(start, end, strict=True)), 1)
+            self._mouse(
+                "mouseMoved", tuple(a + (b - a) * k / steps for a, b in zip(start, end, strict=True)), 1
+            )
         self._mouse("mouseReleased", end, 0)
 
     def close(self) -> None:
@@ -149,7 +165,13 @@ class Page:
     def _mouse(self, kind: str, at: tuple[float, ...], buttons: int) -> None:
         button = "left" if kind != "mouseMoved" else "none"
         self.call(
-            "Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button=button, buttons=buttons, clickCount=1
+            "Input.dispatchMouseEvent",
+            type=kind,
+            x=at[0],
+            y=at[1],
+            button=button,
+            buttons=buttons,
+            clickCount=1,
         )
 
     def _note(self, event: dict[str, Any]) -> None:

@@ -55,10 +55,15 @@ def page(viewer: Viewer, request: pytest.FixtureRequest) -> Iterator[Page]:
             print(f"screenshot: {saved}; the page said: {opened.messages}")  # noqa: T201
 
 
-def settle(page: Page) -> dict[str, Any]:
-    """Wait until all that the middles of pixels show is known and lit; return the page's state."""
-    lit = "(s => s.known && s.visible > 0 && s.ready === s.visible)(luxel.state())"
-    page.wait(f"window.luxel && {lit}", WAIT_S)
+def settle(page: Page, *, fully: bool = False) -> dict[str, Any]:
+    """Wait until all that the middles of pixels show is known and lit; return the page's state.
+
+    Fully: also what only shows between them, so that nothing is left to ask for.
+    """
+    known = "settled" if fully else "known"
+    page.wait(
+        f"window.luxel && (s => s.{known} && s.visible > 0 && s.ready === s.visible)(luxel.state())", WAIT_S
+    )
     return page.run("luxel.state()")
 
 
@@ -125,7 +130,7 @@ def test_light_arrives(page: Page, viewer: Viewer) -> None:
 
 
 def test_recolouring_costs_no_light(page: Page, viewer: Viewer) -> None:
-    before = settle(page)
+    before = settle(page, fully=True)
     choose(page, "color-by", "pressure")
     choose(page, "colormap", "coolwarm")
     page.wait("luxel.state().coloring", WAIT_S, lambda text: "pressure" in text and "coolwarm" in text)
@@ -145,7 +150,7 @@ def test_recolouring_costs_no_light(page: Page, viewer: Viewer) -> None:
 def test_orbiting_lights_what_comes_into_sight(page: Page, viewer: Viewer) -> None:
     choose(page, "color-by", "velocity_magnitude")
     choose(page, "colormap", "plasma")
-    before = settle(page)
+    before = settle(page, fully=True)
     width, height = before["width"], before["height"]
     camera = page.run("luxel.camera()")
     page.drag((0.3 * width, 0.4 * height), (0.8 * width, 0.9 * height))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
 
@@ -133,12 +134,16 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=9), inner, max_size=4),
     max_leaves=8,
 )
-NAMES = st.sampled_from(["key", "eye", "batches", "model", "sky", "sun", "frame", "name", "text", "renderer", "arrays"])
+NAMES = st.sampled_from(
+    ["key", "eye", "batches", "model", "sky", "sun", "frame", "name", "text", "renderer", "arrays"]
+)
 
 
 @settings(max_examples=300, deadline=None)
 @given(st.integers(0, 255), st.dictionaries(NAMES, JSON, max_size=5), st.binary(max_size=16))
-def test_only_good_messages_or_protocol_errors_come_out(kind: int, head: dict[str, object], tail: bytes) -> None:
+def test_only_good_messages_or_protocol_errors_come_out(
+    kind: int, head: dict[str, object], tail: bytes
+) -> None:
     try:
         found = protocol.decode_client(message(kind, head, tail))
     except ProtocolError:
@@ -154,10 +159,8 @@ def test_damaged_messages_raise_nothing_else(good: protocol.Message, data: st.Da
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
     cut = bytes(raw[: data.draw(st.integers(0, len(raw)))])
     for damaged in (bytes(raw), cut):
-        try:
+        with contextlib.suppress(ProtocolError):  # anything else fails the test
             protocol.decode_client(damaged)
-        except ProtocolError as error:
-            assert str(error)
 
 
 def drain(feed: Feed) -> list[int]:

@@ -42,7 +42,9 @@ def viewer() -> Iterator[Viewer]:
     frames = [cloud(COUNT), cloud(COUNT // 2, seed=1)]
     spec = TextureSpec(texels=TEXELS, samples=1)
     lights = (Sky(1.0), Sun(sun_direction(195.0, 50.0), level=2.0))
-    with Session(frames, lights=lights, spec=spec, threads=1, make_baker=lambda scene, spec: InstantBaker()) as session:
+    with Session(
+        frames, lights=lights, spec=spec, threads=1, make_baker=lambda scene, spec: InstantBaker()
+    ) as session:
         opened = view(session, block=False, open_browser=False, announce=lambda url: None)
         with opened:
             yield opened
@@ -69,7 +71,9 @@ class Client:
 
     def next(self, kind: type[protocol.Message]) -> Any:
         """Wait for the next message of a kind."""
-        deadline = time.monotonic() + GUARD_S  # the server's pings would keep a plain timeout from ever firing
+        deadline = (
+            time.monotonic() + GUARD_S
+        )  # the server's pings would keep a plain timeout from ever firing
         while time.monotonic() < deadline:
             opcode, data = self.socket.recv_data()
             assert opcode == websocket.ABNF.OPCODE_BINARY, f"closed: {data!r}"
@@ -146,7 +150,8 @@ def test_answers_carry_security_headers(viewer: Viewer) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"query": ""}, {"query": "token=x"}, {"origin": "http://evil.example", "suppress_origin": False}]
+    "options",
+    [{"query": ""}, {"query": "token=x"}, {"origin": "http://evil.example", "suppress_origin": False}],
 )
 def test_socket_needs_token_and_origin(viewer: Viewer, options: dict[str, Any]) -> None:
     code, reason = Client(viewer, hello=False, **options).closed()
@@ -288,7 +293,13 @@ def test_change_of_light_reaches_all_pages(viewer: Viewer) -> None:
     for client in (first, second):
         after = client.next(protocol.LightState)
         assert after.key == viewer.session.key != before.key
-        assert after.controls == {"sky": 0.5, "azimuth": 30.0, "elevation": 20.0, "sun": 3.0, "diameter": 10.0}
+        assert after.controls == {
+            "sky": 0.5,
+            "azimuth": 30.0,
+            "elevation": 20.0,
+            "sun": 3.0,
+            "diameter": 10.0,
+        }
     # A sighting under the old light crossed the change: nothing comes of it.
     first.send(protocol.Sighted(before.key, np.arange(5, dtype=np.int32), (0, 0, 5)))
     first.send(protocol.Sighted(after.key, np.array([7], np.int32), (0, 0, 5)))
@@ -337,7 +348,9 @@ def test_view_camera_is_sent_in_normalised_units() -> None:
     particles = cloud(50)
     camera = luxel.Camera((3.0, 2.0, 1.0), (0.5, 0.5, 0.5), height=2.0)
     session = Session(particles, threads=1, make_baker=lambda scene, spec: InstantBaker())
-    opened = view(session, luxel.View(camera=camera), block=False, open_browser=False, announce=lambda url: None)
+    opened = view(
+        session, luxel.View(camera=camera), block=False, open_browser=False, announce=lambda url: None
+    )
     with session, opened:
         sent = Client(opened).next(protocol.SceneState).view["camera"]
     spheres = SphereSet.of(particles)

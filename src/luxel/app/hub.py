@@ -235,6 +235,7 @@ class Hub:
                 self._loop.call_soon_threadsafe(self._publish, batch.key, batch.ids)
 
     def _publish(self, key: str, ids: Any) -> None:
+        self.notice = ""  # what there was to wait for is over
         if key == self._key:
             for page in self.pages:
                 if page.feed.publish(ids):
@@ -261,7 +262,9 @@ class Hub:
             for page in self.pages:
                 if page.greeted:
                     page.post("status", lambda: now)
-        self._status_soon(_STATUS_PERIOD_S if now.queued or now.baking or now.textures_per_s else _IDLE_PERIOD_S)
+        self._status_soon(
+            _STATUS_PERIOD_S if now.queued or now.baking or now.textures_per_s else _IDLE_PERIOD_S
+        )
 
 
 def _same(message: protocol.Message) -> protocol.Message:

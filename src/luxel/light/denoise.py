@@ -108,7 +108,7 @@ class TextureFilter:
         high = np.where(seen, estimate, -np.inf).max(axis=1, keepdims=True)
         estimate = np.where(seen | (high < low), estimate, np.minimum(np.maximum(estimate, low), high))
         estimate[~seen.any(axis=1)] = 0.0
-        return estimate.reshape(shape).astype(np.float32)
+        return np.asarray(estimate.reshape(shape), dtype=np.float32)
 
 
 def dilate(textures: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:

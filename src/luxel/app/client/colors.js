@@ -11,7 +11,8 @@ export const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 1
 /** Top and bottom of the background in linear light: a little grading gives depth. @param {string} hex */
 export function grading(hex) {
   const base = rgb(hex).map(toLinear);
-  return { top: base.map((c) => Math.min(1, c * 1.6)), bottom: base.map((c) => c * 0.62) };
+  const light = Math.max(...base); // bright backgrounds need less of it
+  return { top: base.map((c) => Math.min(1, c * (1.6 - 0.55 * light))), bottom: base.map((c) => c * (0.62 + 0.26 * light)) };
 }
 
 /** Whether a scalar is shown as codes rather than as a scale. @param {Scalar} scalar @param {number} rows of the colour map @param {[number, number] | null} range @param {boolean} log */
@@ -49,7 +50,7 @@ export function normalised(scalar, rows, range, log) {
 }
 
 /** Round values in [low, high], about `count` of them. @param {number} low @param {number} high @param {boolean} log @param {number} [count] @returns {number[]} */
-export function ticks(low, high, log, count = 5) {
+export function ticks(low, high, log, count = 6) {
   /** @type {number[]} */
   const found = [];
   if (log) {

@@ -51,7 +51,8 @@ export class Film {
   /** @param {Camera} camera */
   setCamera(camera) {
     this.camera = camera;
-    this.restAt = performance.now() + REST_MS;
+    // Where frames are slow, so is the next move: it must not find a full-size frame in its way.
+    this.restAt = performance.now() + Math.max(REST_MS, 3 * this.renderer.frameMs);
     this.forget();
   }
 

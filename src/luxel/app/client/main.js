@@ -4,6 +4,7 @@ import * as cameras from "./camera.js";
 import { drawColorbar, grading, isCategorical, label, normalised, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
+import { handle } from "./handle.js";
 import { Panel, element } from "./panel.js";
 import { KIND, encode } from "./protocol.js";
 import { PARTICLES_WIDTH, Renderer } from "./renderer.js";
@@ -19,7 +20,7 @@ const ATLAS_BYTES = 64 << 20;
 const PIXELS_MAX = 4_000_000;
 const ASK_MS = 200;
 
-class App {
+export class App {
   constructor() {
     this.stage = element("stage");
     /** @type {HTMLCanvasElement} */
@@ -116,6 +117,7 @@ class App {
       case KIND.status:
         this.status = head;
         this.trouble("light", head.error ? `Light: ${head.error}` : null);
+        if (head.ready || this.light?.model === "lambertian") this.trouble("notice", null);
         return this.showStatus();
       case KIND.error: return this.trouble("server", head.text, true);
     }
@@ -483,49 +485,9 @@ class App {
   }
 }
 
-/** For tests and the browser's console. @param {App} app */
-function console_(app) {
-  const toFile = (/** @type {number[]} */ p) => p.map((x, k) => app.scene.center[k] + app.scene.unit * x);
-  const fromFile = (/** @type {number[]} */ p) => /** @type {Vec} */ (p.map((x, k) => (x - app.scene.center[k]) / app.scene.unit));
-  const base64 = (/** @type {ArrayBufferView} */ view) => {
-    const bytes = new Uint8Array(view.buffer, view.byteOffset, view.byteLength);
-    let text = "";
-    for (let k = 0; k < bytes.length; k += 32768) text += String.fromCharCode(...bytes.subarray(k, k + 32768));
-    return btoa(text);
-  };
-  return {
-    app,
-    /** Where things stand. */
-    state: () => ({
-      ...app.counts(),
-      requested: app.sight.requested, received: app.tilesReceived, evicted: app.tiles.evicted, dropped: app.tiles.dropped,
-      known: app.film.centralKnown && !app.renderer.readback.pending, settled: app.film.settled, particles: app.scene?.count ?? 0, loaded: app.renderer.loaded,
-      samples: app.film.shown?.count ?? 0, frames: app.renderer.frameCount, frameMs: app.renderer.frameMs, fps: app.fps,
-      width: app.canvas.width, height: app.canvas.height, key: app.light?.key ?? "", model: app.light?.model ?? "",
-      coloring: app.coloring, connected: app.connection.connected, troubles: Object.fromEntries(app.troubles),
-      renderer: app.renderer.name,
-    }),
-    /** The camera in file units. */
-    camera: () => app.camera && {
-      ...app.camera, eye: toFile(app.camera.eye), target: toFile(app.camera.target),
-      height: app.camera.height === null ? null : app.camera.height * app.scene.unit,
-    },
-    /** @param {Camera} camera in file units */
-    setCamera: (camera) => app.setCamera({
-      ...camera, eye: fromFile(camera.eye), target: fromFile(camera.target),
-      height: camera.height == null ? null : camera.height / app.scene.unit,
-    }),
-    /** The picture (RGBA) and ids of pixel centres, rows from the bottom, as base64. */
-    capture: () => {
-      const { width, height, pixels, ids } = app.renderer.capture(/** @type {Camera} */ (app.camera));
-      return { width, height, pixels: base64(pixels), ids: base64(ids) };
-    },
-  };
-}
-
 try {
   const app = new App();
-  Object.assign(window, { luxel: console_(app) });
+  Object.assign(window, { luxel: handle(app) });
 } catch (error) {
   const banner = element("banner");
   banner.textContent = error instanceof Error ? error.message : String(error);
