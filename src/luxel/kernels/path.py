@@ -10,7 +10,7 @@ from luxel.kernels.jit import kernel
 from luxel.kernels.light import Lights, direct_light, escape_radiance, sky_irradiance
 from luxel.kernels.rng import PURPOSE_TEXEL, next_state, path_key, uniform
 from luxel.kernels.simd import LANES, any_lane, bits, load, splat, splat_int, trailing_zeros
-from luxel.kernels.tree_trace import Tree, occluded, scratch, trace
+from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE, Tree, occluded, scratch, trace
 from luxel.kernels.warp import cosine_direction, latlong_direction
 
 __all__ = [
@@ -58,25 +58,25 @@ def buried(tree, work, x, y, z, skip):
         height -= 1
         node = stack[height]
         if node >= 0:
-            o = node * (6 * LANES)
+            o = node * NODE
             inside = (
                 (load(nodes, o) <= vx) & (load(nodes, o + LANES) <= vy) & (load(nodes, o + 2 * LANES) <= vz)
             )
             inside = inside & (load(nodes, o + 3 * LANES) >= vx) & (load(nodes, o + 4 * LANES) >= vy)
             m = bits(inside & (load(nodes, o + 5 * LANES) >= vz))
             while m != 0:
-                stack[height] = child[node * LANES + trailing_zeros(m)]
+                stack[height] = child[o + CHILDREN + trailing_zeros(m)]
                 height += 1
                 m &= m - 1
         else:
-            o = ~node * (4 * LANES)
+            o = ~node * LEAF
             cx, cy, cz = (
                 load(spheres, o) - vx,
                 load(spheres, o + LANES) - vy,
                 load(spheres, o + 2 * LANES) - vz,
             )
             within = cx * cx + cy * cy + cz * cz < load(spheres, o + 3 * LANES) * np.float32(0.9999)
-            if any_lane(within & (load(ids, ~node * LANES) != splat_int(skip))):
+            if any_lane(within & (load(ids, o + IDS) != splat_int(skip))):
                 return True
     return False
 

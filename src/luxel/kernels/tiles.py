@@ -24,6 +24,7 @@ from luxel.kernels.simd import (
     vmin,
     vsqrt,
 )  # fmt: skip
+from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE
 
 __all__ = ["TILE", "Eye", "primary_ray", "primary_tiles"]
 
@@ -131,7 +132,7 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
             current = 0
             while True:
                 if current >= 0:
-                    o = current * (6 * LANES)
+                    o = current * NODE
                     inside = splat(_FAR)
                     for c in range(4):
                         reach = fma(
@@ -165,7 +166,7 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
                     if m != 0:
                         k = trailing_zeros(m)
                         m &= m - 1
-                        base = current * LANES
+                        base = o + CHILDREN
                         if m == 0:
                             current = child[base + k]
                             continue
@@ -187,7 +188,7 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
                         current = stack[height_of_stack]
                         continue
                 else:
-                    o = ~current * (4 * LANES)
+                    o = ~current * LEAF
                     cx, cy, cz = load(spheres, o), load(spheres, o + LANES), load(spheres, o + 2 * LANES)
                     r2 = load(spheres, o + 3 * LANES)
                     edge = slack - vsqrt(vmax(r2, zero))
@@ -211,7 +212,7 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
                                 lanes[2 * LANES + k],
                                 lanes[3 * LANES + k],
                             )
-                            me = splat_int(np.int32(~current * LANES + k))
+                            me = splat_int(np.int32(o + IDS + k))
                             ex, ey, ez = splat(sx - ox), splat(sy - oy), splat(sz - oz)
                             for v in range(0, _RAYS, LANES):
                                 if ortho:

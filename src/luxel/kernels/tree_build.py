@@ -262,7 +262,7 @@ def collapse(boxes, left, right, begin, end, leaves, root, nodes, child, leaf_be
 
 @kernel
 def fill_leaves(centers, radii, order, leaf_begin, leaf_end, low, high, spheres, ids):
-    """Write the spheres of leaves [low, high): x, y, z, r² in rows of sixteen, and particle ids; -1 in unused lanes."""
+    """Write leaves [low, high): x, y, z, r² and, through the int32 view `ids`, particle ids; sixteen each, -1 if unused."""
     for leaf in range(low, high):
         first, count = leaf_begin[leaf], leaf_end[leaf] - leaf_begin[leaf]
         for q in range(LANES):
@@ -271,9 +271,9 @@ def fill_leaves(centers, radii, order, leaf_begin, leaf_end, low, high, spheres,
                 for a in range(3):
                     spheres[leaf, a * LANES + q] = centers[i, a]
                 spheres[leaf, 3 * LANES + q] = radii[i] * radii[i]
-                ids[leaf, q] = i
+                ids[leaf, 4 * LANES + q] = i
             else:
                 for a in range(3):
                     spheres[leaf, a * LANES + q] = np.float32(1e15)
                 spheres[leaf, 3 * LANES + q] = np.float32(-1)
-                ids[leaf, q] = -1
+                ids[leaf, 4 * LANES + q] = -1

@@ -25,9 +25,12 @@ from luxel.kernels.simd import (
     vsqrt,
 )  # fmt: skip
 
-__all__ = ["Tree", "occluded", "scratch", "trace", "trace_rays"]
+__all__ = ["CHILDREN", "IDS", "LEAF", "NODE", "Tree", "occluded", "scratch", "trace", "trace_rays"]
 
 MISS = -1
+# Words of a node and of a leaf, and where the integers start: what is read together lies together.
+NODE, CHILDREN = 7 * LANES, 6 * LANES
+LEAF, IDS = 5 * LANES, 4 * LANES
 # A sphere that a ray is about to leave does not block it: coincident and just-touching spheres stay lit.
 _EXIT_TOLERANCE = np.float32(1e-8)  # (1e-4 radii)²
 _TINY = np.float32(1e-12)
@@ -36,10 +39,10 @@ _TINY = np.float32(1e-12)
 class Tree(NamedTuple):
     """The arrays of a sphere tree, flat, as kernels take them (see ``tree_build``)."""
 
-    nodes: np.ndarray  # float32, 6·16 a node
-    child: np.ndarray  # int32, 16 a node
-    spheres: np.ndarray  # float32, 4·16 a leaf
-    ids: np.ndarray  # int32, 16 a leaf
+    nodes: np.ndarray  # float32, NODE words a node: boxes of its children, then their indices
+    child: np.ndarray  # int32 view of the same memory
+    spheres: np.ndarray  # float32, LEAF words a leaf: x, y, z, r², then particle ids
+    ids: np.ndarray  # int32 view of the same memory
     stack_size: int
 
 
@@ -85,7 +88,7 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
     current = 0
     while True:
         if current >= 0:
-            o = current * (6 * LANES)
+            o = current * NODE
             enter = vmax(
                 vmax(fma(load(nodes, o + near_x), vix, vox), fma(load(nodes, o + near_y), viy, voy)),
                 vmax(fma(load(nodes, o + near_z), viz, voz), zero),
@@ -98,7 +101,7 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
             if m != 0:
                 k = trailing_zeros(m)
                 m &= m - 1
-                base = current * LANES
+                base = o + CHILDREN
                 if m == 0:
                     current = child[base + k]
                     continue
@@ -120,8 +123,7 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
                 current = stack[height]
                 continue
         else:
-            leaf = ~current
-            o = leaf * (4 * LANES)
+            o = ~current * LEAF
             cx = load(spheres, o) - ox
             cy = load(spheres, o + LANES) - oy
             cz = load(spheres, o + 2 * LANES) - oz
@@ -137,13 +139,13 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
                 t = b - root
                 out = b + root
                 hits = crosses & (out > zero) & (out * out > r2 * _EXIT_TOLERANCE) & (t < limit)
-                hits = hits & (load(ids, leaf * LANES) != splat_int(skip))
+                hits = hits & (load(ids, o + IDS) != splat_int(skip))
                 if any_lane(hits):
                     if any_hit:
-                        return np.float32(0), ids[leaf * LANES + trailing_zeros(bits(hits))]
+                        return np.float32(0), ids[o + IDS + trailing_zeros(bits(hits))]
                     t = select(hits, vmax(t, zero), splat(np.float32(1e30)))
                     limit = lane_min(t)
-                    hit = leaf * LANES + trailing_zeros(bits(t <= limit))
+                    hit = o + IDS + trailing_zeros(bits(t <= limit))
         while True:
             height -= 1
             if height < 0:

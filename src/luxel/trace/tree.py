@@ -68,7 +68,7 @@ class SphereTree:
     @property
     def nbytes(self) -> int:
         """Bytes that the tree occupies beside the spheres themselves."""
-        return sum(a.nbytes for a in self.arrays[:4])
+        return int(self.arrays.nodes.nbytes + self.arrays.spheres.nbytes)
 
     def closest(
         self,
@@ -164,20 +164,23 @@ def _build(centers: NDArray[np.float32], radii: NDArray[np.float32], threads: in
     node_count, leaf_count, levels = tree_build.collapse(
         boxes, left, right, begin, end, leaves, top, nodes, child, leaf_begin, leaf_end
     )
-    spheres, ids = np.empty((leaf_count, 4 * LANES), np.float32), np.empty((leaf_count, LANES), np.int32)
+    leaf_data = np.empty((leaf_count, tree_trace.LEAF), np.float32)
+    leaf_ids = leaf_data.view(np.int32)
     chunk = max(1024, -(-leaf_count // (4 * threads)))
     run_parts(
         lambda k: tree_build.fill_leaves(
-            centers, radii, order, leaf_begin, leaf_end, k, min(k + chunk, leaf_count), spheres, ids
+            centers, radii, order, leaf_begin, leaf_end, k, min(k + chunk, leaf_count), leaf_data, leaf_ids
         ),
         range(0, leaf_count, chunk),
         threads,
     )
+    packed_nodes = np.concatenate([nodes[:node_count], child[:node_count].view(np.float32)], axis=1).ravel()
+    packed_leaves = leaf_data.ravel()
     return tree_trace.Tree(
-        nodes[:node_count].ravel().copy(),
-        child[:node_count].ravel().copy(),
-        spheres.ravel(),
-        ids.ravel(),
+        packed_nodes,
+        packed_nodes.view(np.int32),
+        packed_leaves,
+        packed_leaves.view(np.int32),
         (LANES - 1) * levels + LANES,
     )
 
