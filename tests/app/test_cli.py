@@ -300,7 +300,7 @@ def test_interruption(file, tmp_path, monkeypatch, capsys, error, code):
     monkeypatch.setattr("luxel.picture.raytrace.render", stop)
     assert run("render", file, "-o", tmp_path / "a.png") == code
     lines = capsys.readouterr().err.strip().splitlines()
-    assert len([line for line in lines if not line.startswith("luxel: compiling")]) == 1
+    assert len([line for line in lines if line and not line.startswith("luxel: compiling")]) == 1
 
 
 def test_cold_start_is_announced(file, tmp_path, rendered, monkeypatch, capsys):
