@@ -96,6 +96,17 @@ def test_direct_light_follows_the_cosine_for_every_kind_of_light():
             assert got[(cosine < -0.15).all(axis=-1)].max() == 0, (name, model)
 
 
+@pytest.mark.parametrize("q", [1e-2, 1e-3, 1.5e-4])
+def test_small_far_lights_do_not_stand_before_themselves(q):
+    # (R/d)² L is kept: the mean over the sphere of the clamped cosine is 1/4 of the level, whatever the distance.
+    light = luxel.SphereLight((0, 0, 1000.0), 1000 * q, 1.0 / q**2)
+    scene = luxel.Scene(luxel.Particles([[0, 0, 0]], 1.0), (light,), model="shadows")
+    polar = (np.arange(16) + 0.5) / 16 * np.pi
+    luminance = Baker(scene, TextureSpec(samples=16)).luminance(np.zeros(1, np.int32))[0]
+    mean = (luminance * np.sin(polar)[:, None]).sum() / (16 * np.sin(polar).sum())
+    assert mean == pytest.approx(0.25, abs=0.004)
+
+
 def _facing_quad(toward, distance, edge, level):
     u = np.cross(toward, [0, 0, 1.0])
     u /= np.linalg.norm(u)

@@ -78,3 +78,9 @@ def test_framing_a_point():
 def test_bad_cameras_are_refused(fields):
     with pytest.raises(InputError, match="camera"):
         Camera(**fields)
+
+
+@pytest.mark.parametrize("up", [(1, 1, 1), (0, 0, 1), (0, -1, 0), (1, -1, 1)])
+def test_looking_along_up_still_has_a_picture(up):
+    basis = Camera((0, 0, 0), up, up=up).basis()
+    assert np.allclose(basis @ basis.T, np.eye(3))

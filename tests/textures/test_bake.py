@@ -125,3 +125,8 @@ def test_bilinear_lookup_wraps_and_crosses_the_poles():
 def test_touching_lattice_has_nothing_buried():
     scene = luxel.Scene(lattice(3), (luxel.Sky(1.0),))
     assert (Baker(scene)._sample(np.arange(27, dtype=np.int32), 4)[2] == 4).all()
+
+
+def test_more_samples_than_16_bits_count():
+    scene = luxel.Scene(luxel.Particles([[0, 0, 0]], 1.0), (luxel.Sky(1.0),), model="lambertian")
+    assert luxel.bake(scene, samples=65536, texels=4).luminance.min() == 1

@@ -117,6 +117,19 @@ def test_tree_does_not_depend_on_threads():
         assert np.array_equal(a, b)
 
 
+def test_trees_end_with_their_particles():
+    import gc
+    import weakref
+
+    particles = cloud(50, seed=12)
+    tree = SphereTree.of(SphereSet.of(particles))
+    assert SphereTree.of(SphereSet.of(particles)) is tree
+    gone = weakref.ref(tree), weakref.ref(tree.spheres)
+    del particles, tree
+    gc.collect()
+    assert [ref() for ref in gone] == [None, None]
+
+
 def test_memory_a_particle():
     # The issue of memory at 10^8 particles: at most 40 bytes each beyond the data.
     spheres = SphereSet.of(lattice(30))

@@ -113,7 +113,7 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
         type=_sun,
         action="append",
         metavar="AZ,EL[,LEVEL[,DIAMETER]]",
-        help="a sun instead of the default one, angles in degrees (default: 195,50,2,15); may be repeated; none for no sun",
+        help="a sun instead of the default one, angles in degrees (default: 225,42,2,15); may be repeated; none for no sun",
     )
     light.add_argument(
         "--sky",
@@ -275,7 +275,7 @@ def _numbers(least: int, most: int, example: str) -> Callable[[str], list[float]
 
 
 _sky = _numbers(1, 2, "LEVEL or LEVEL,GROUND such as 1 or 1,0.3")
-_sun_numbers = _numbers(2, 4, "AZIMUTH,ELEVATION[,LEVEL[,DIAMETER]] such as 195,50,2,15, or none")
+_sun_numbers = _numbers(2, 4, "AZIMUTH,ELEVATION[,LEVEL[,DIAMETER]] such as 225,42,2,15, or none")
 
 
 def _sun(text: str) -> SunOption | None:

@@ -114,10 +114,10 @@ class _Guard:
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         # A page of another site can make its own name point here; it cannot choose the name in this header.
-        if self._hosts is not None and urlsplit(f"//{host}").hostname not in self._hosts:
+        if self._hosts is not None and _split(f"//{host}")[1] not in self._hosts:
             return "this server answers to localhost only; open the address it printed"
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and _split(origin)[0] != host:
             return "requests from other sites are refused"
         if not self._token_given(scope, headers):
             return "token missing or wrong; open the whole address that the viewer printed, with its ?token="
@@ -228,3 +228,12 @@ def _file(path: Path) -> FileResponse:
 
 #: Longest message that uvicorn should take from a socket.
 SOCKET_BYTES_MAX = CLIENT_BYTES_MAX
+
+
+def _split(address: str) -> tuple[str, str | None]:
+    """Return network location and host name of an address; blank for one that is malformed."""
+    try:
+        parts = urlsplit(address)
+        return parts.netloc, parts.hostname
+    except ValueError:
+        return "", None

@@ -187,6 +187,10 @@ def _make_session(target: Any, view: View | None, threads: int | None, options: 
 
 
 def _listen(host: str, port: int) -> socket.socket:
+    if not host:
+        raise InputError(
+            "the host to serve at is empty — 127.0.0.1 is this machine, 0.0.0.0 every network it is in"
+        )
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -194,7 +198,7 @@ def _listen(host: str, port: int) -> socket.socket:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((host, port))
         listener.listen(64)
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, ValueError, TypeError) as error:
         listener.close()
         raise InputError(
             f"cannot listen on {host} port {port}: {error} — choose another --port (0 takes a free one)"

@@ -335,10 +335,12 @@ class Engine:
                 self._work.notify_all()
 
     def _bake(self, job: _Job, baker: TileBaker) -> None:
-        codes = np.empty((len(job.ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
         start_s = self._clock()
         try:
+            codes = np.empty((len(job.ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
             clipped = baker.bake_into(job.ids, codes)
+            end_s = self._clock()
+            self.cache.publish(job.key, job.ids, codes)
         except Exception as error:
             log.exception("%d textures of light key %s failed", len(job.ids), job.key)
             with self._lock:
@@ -348,8 +350,6 @@ class Engine:
                 self.cache.fail(job.key, job.ids[tries >= _MAX_ATTEMPTS])
                 self.cache.release(job.key, job.ids[tries < _MAX_ATTEMPTS])
             return
-        end_s = self._clock()
-        self.cache.publish(job.key, job.ids, codes)
         with self._lock:
             self._clipped_count += clipped
             self._pace.record(start_s, end_s, len(job.ids))

@@ -6,8 +6,10 @@ would stay stale. So compiled code lives in a folder named after the sources of 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import stat
 import sys
 import tempfile
 from collections.abc import Callable
@@ -49,9 +51,19 @@ def _writable_folder() -> Path:
             return folder
     except (OSError, RuntimeError):  # no home, read-only home
         pass
-    folder = Path(tempfile.gettempdir()) / f"luxel-{os.getuid() if hasattr(os, 'getuid') else 'user'}" / name
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    return folder
+    return _private_temporary_folder() / name
+
+
+def _private_temporary_folder() -> Path:
+    """Return a folder that nobody else could have prepared: compiled code is loaded from it."""
+    if hasattr(os, "getuid"):
+        folder = Path(tempfile.gettempdir()) / f"luxel-{os.getuid()}"
+        with contextlib.suppress(OSError):
+            folder.mkdir(mode=0o700, exist_ok=True)
+            found = folder.lstat()
+            if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077:
+                return folder
+    return Path(tempfile.mkdtemp(prefix="luxel-"))
 
 
 cache_folder: Path = _writable_folder()

@@ -128,7 +128,9 @@ def direct_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, stat
         c = nx * dx + ny * dy + nz * dz
         if c > 0:
             b = cx * dx + cy * dy + cz * dz
-            t = b - np.sqrt(max(_ZERO, r2 - d2 + b * b))
+            # As in `_light_distance`, to the bit: the light must not seem to stand before itself.
+            ox, oy, oz = cx - b * dx, cy - b * dy, cz - b * dz
+            t = b - np.sqrt(max(_ZERO, r2 - (ox * ox + oy * oy + oz * oz)))
             if not _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, t, skip):
                 total += g[4] * c * _TWO * cap
     for k in range(lights.quads.shape[0]):

@@ -153,7 +153,7 @@ def sample_texels(world, ids, grid, mean, variance, exposed):
     variance
         (K, T, T) float32: variance of one sample, unbiased; 0 where fewer than two samples are exposed.
     exposed
-        (K, T, T) uint16: number of samples that are not buried.
+        (K, T, T) uint32: number of samples that are not buried.
     """
     work = scratch(world.tree.stack_size)
     texels = mean.shape[1]

@@ -47,7 +47,7 @@ class TextureFilter:
 
     @classmethod
     def learn(
-        cls, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint16]
+        cls, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint32]
     ) -> TextureFilter:
         """Learn from (K, T, T) training textures; arguments as from ``kernels.path.sample_texels``.
 
@@ -73,7 +73,7 @@ class TextureFilter:
         return cls(center, np.ascontiguousarray(vectors.T), power, rest, noise)
 
     def apply(
-        self, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint16]
+        self, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint32]
     ) -> NDArray[np.float32]:
         """Return filtered (K, T, T) luminance; texels with no exposed sample are predicted from the others.
 

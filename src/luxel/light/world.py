@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from luxel.errors import InputError
 from luxel.kernels import path
 from luxel.light.lights import pack_lights
 from luxel.scene.scene import Scene
@@ -26,6 +27,8 @@ def make_world(
     scene: Scene, *, seed: int = 0, max_bounces: int | None = None, tree: SphereTree | None = None
 ) -> path.World:
     """Return what light kernels take; reuses `tree` when it was built for the same particles."""
+    if not 0 <= seed < 2**63:
+        raise InputError(f"seed must be a whole number in 0..2^63-1, got {seed}")
     spheres = SphereSet.of(scene.particles)
     if tree is None or tree.spheres is not spheres:
         tree = SphereTree.of(spheres)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterator
 from typing import Literal
 
@@ -218,6 +219,7 @@ def _draw_pixels(
     progress: Progress | None,
 ) -> None:
     height, width = total.shape[:2]
+    lock = threading.Lock()
     done = 0
     for k, shift in enumerate(shifts):
         distance, ids = trace_primary(world, eye, width, height, shift, threads)
@@ -233,9 +235,10 @@ def _draw_pixels(
             nonlocal done
             last = min(row + tiles.TILE, height)
             shade.shade_pixels(world, eye, x, y, row, last, *hits, samples, k * samples, colors, total)
-            done += last - row
-            if progress is not None:
-                progress(done, height * len(shifts))
+            with lock:
+                done += last - row
+                if progress is not None:
+                    progress(done, height * len(shifts))
 
         run_parts(band, range(0, height, tiles.TILE), threads)
 

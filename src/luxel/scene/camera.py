@@ -61,7 +61,7 @@ class Camera:
         up = np.asarray(self.up, dtype=np.float64)
         right = np.cross(forward, up)
         if np.linalg.norm(right) < 1e-6:  # looking straight along `up`
-            right = np.cross(forward, np.roll(up, 1))
+            right = np.cross(forward, np.eye(3)[np.abs(up).argmin()])
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(right, forward), forward])
 

@@ -78,10 +78,10 @@ class Baker:
 
     def _sample(
         self, ids: NDArray[np.int32], samples: int
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint16]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]:
         shape = (len(ids), self.spec.texels, self.spec.texels)
         mean, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        exposed = np.empty(shape, np.uint16)
+        exposed = np.empty(shape, np.uint32)
         sample_texels(self._world, ids, round(samples**0.5), mean, variance, exposed)
         return mean, variance, exposed
 
@@ -113,7 +113,7 @@ class Baker:
 
     def _sample_all(
         self, ids: NDArray[np.int32], samples: int, threads: int
-    ) -> list[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint16]]]:
+    ) -> list[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]]:
         parts = [ids[k : k + _BATCH_COUNT] for k in range(0, len(ids), _BATCH_COUNT)]
         with ThreadPoolExecutor(threads) as pool:
             return list(pool.map(lambda part: self._sample(part, samples), parts))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import threading
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from luxel.particles import Particles
 __all__ = ["SphereSet"]
 
 _CACHE: weakref.WeakKeyDictionary[Particles, SphereSet] = weakref.WeakKeyDictionary()
+_CACHE_LOCK = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,32 +36,39 @@ class SphereSet:
         (3,) float64 in file units.
     unit
         A power of two near half the diagonal of the bounds, in file units.
+    derived
+        What was computed from these spheres and lives as long as they do (the tree).
     """
 
     centers: NDArray[np.float32]
     radii: NDArray[np.float32]
     center: NDArray[np.float64]
     unit: float
+    derived: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, particles: Particles) -> SphereSet:
         """Return the spheres of `particles`, computed once for each `Particles`."""
-        found = _CACHE.get(particles)
-        if found is None:
-            low, high = particles.bounds
-            half = 0.5 * float(np.linalg.norm(high - low))
-            unit = 2.0 ** round(math.log2(half)) if half > 0 else 1.0
-            center = 0.5 * (low + high)
-            shift = (center - particles.origin).astype(np.float32)
-            # The shift is rounded to the particles' own precision, so subtracting it loses nothing more.
-            center = particles.origin + shift.astype(np.float64)
-            centers = np.ascontiguousarray((particles.local - shift) * np.float32(1 / unit))
-            if unit > 2.0**100 or unit < 2.0**-100:  # 1/unit itself would leave float32
-                centers = ((particles.local.astype(np.float64) - shift) / unit).astype(np.float32)
-            radii = (particles.radii.astype(np.float64) / unit).astype(np.float32)
-            found = cls(centers, radii, center, unit)
-            _CACHE[particles] = found
-        return found
+        with _CACHE_LOCK:
+            found = _CACHE.get(particles)
+            if found is None:
+                found = _CACHE[particles] = cls._normalised(particles)
+            return found
+
+    @classmethod
+    def _normalised(cls, particles: Particles) -> SphereSet:
+        low, high = particles.bounds
+        half = 0.5 * float(np.linalg.norm(high - low))
+        unit = 2.0 ** round(math.log2(half)) if half > 0 else 1.0
+        center = 0.5 * (low + high)
+        shift = (center - particles.origin).astype(np.float32)
+        # The shift is rounded to the particles' own precision, so subtracting it loses nothing more.
+        center = particles.origin + shift.astype(np.float64)
+        centers = np.ascontiguousarray((particles.local - shift) * np.float32(1 / unit))
+        if unit > 2.0**100 or unit < 2.0**-100:  # 1/unit itself would leave float32
+            centers = ((particles.local.astype(np.float64) - shift) / unit).astype(np.float32)
+        radii = (particles.radii.astype(np.float64) / unit).astype(np.float32)
+        return cls(centers, radii, center, unit)
 
     def __len__(self) -> int:
         return len(self.centers)

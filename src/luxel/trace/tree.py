@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import weakref
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -21,8 +20,7 @@ __all__ = ["SphereTree", "thread_count"]
 # A batch below this many rays is not worth a second thread.
 _RAYS_A_TASK = 16_384
 
-_TREES: weakref.WeakKeyDictionary[SphereSet, SphereTree] = weakref.WeakKeyDictionary()
-_TREES_LOCK = threading.Lock()
+_BUILD_LOCK = threading.Lock()
 
 
 def thread_count(threads: int | None) -> int:
@@ -59,11 +57,11 @@ class SphereTree:
     @classmethod
     def of(cls, spheres: SphereSet) -> SphereTree:
         """Return the tree of `spheres`, built once for each `SphereSet`; several threads may ask at once."""
-        with _TREES_LOCK:
-            found = _TREES.get(spheres)
-            if found is None:
-                found = _TREES[spheres] = cls(spheres)
-            return found
+        with _BUILD_LOCK:
+            if "tree" not in spheres.derived:
+                spheres.derived["tree"] = cls(spheres)
+            tree: SphereTree = spheres.derived["tree"]
+            return tree
 
     @property
     def nbytes(self) -> int:
@@ -123,9 +121,12 @@ def run_parts(work: Callable[[Any], Any], parts: Iterable[Any], threads: int) ->
         for part in todo:
             work(part)
         return
-    with ThreadPoolExecutor(min(threads, len(todo))) as pool:
+    pool = ThreadPoolExecutor(min(threads, len(todo)))
+    try:
         for result in [pool.submit(work, part) for part in todo]:
             result.result()
+    finally:  # after Ctrl-C or an error, only what is under way is waited for
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _build(centers: NDArray[np.float32], radii: NDArray[np.float32], threads: int) -> tree_trace.Tree:

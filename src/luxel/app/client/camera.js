@@ -27,9 +27,15 @@ export function basis(camera) {
   const forward = unit(sub(camera.target, camera.eye));
   const up = unit(camera.up);
   let right = cross(forward, up);
-  if (length(right) < 1e-6) right = cross(forward, [up[2], up[0], up[1]]);
+  if (length(right) < 1e-6) right = cross(forward, leastAxis(up));
   right = unit(right);
   return { right, up: cross(right, forward), forward };
+}
+
+/** The axis that `v` points along least. @param {Vec} v @returns {Vec} */
+function leastAxis(v) {
+  const sizes = v.map(Math.abs), k = sizes.indexOf(Math.min(...sizes));
+  return [k === 0 ? 1 : 0, k === 1 ? 1 : 0, k === 2 ? 1 : 0];
 }
 
 /** Half the height of the picture: at distance 1 for perspective, anywhere for orthographic. @param {Camera} camera */
