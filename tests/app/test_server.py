@@ -151,7 +151,12 @@ def test_answers_carry_security_headers(viewer: Viewer) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"query": ""}, {"query": "token=x"}, {"origin": "http://evil.example", "suppress_origin": False}],
+    [
+        {"query": ""},
+        {"query": "token=x"},
+        {"origin": "http://evil.example", "suppress_origin": False},
+        {"origin": "http://[", "suppress_origin": False},
+    ],
 )
 def test_socket_needs_token_and_origin(viewer: Viewer, options: dict[str, Any]) -> None:
     code, reason = Client(viewer, hello=False, **options).closed()

@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_picture_options(demo, "--render")
     _add_server_options(demo)
     demo.set_defaults(light="texture", json=False)
-    add_scene_options(demo, samples=" (default: 4, for --render 1)")
+    add_scene_options(demo, samples=" (default: 1)")
     return parser
 
 
@@ -185,13 +185,13 @@ def _demo(options: argparse.Namespace) -> None:
     view = build_view(options, demo_view())
     if options.sun is None:
         options.sun = [SunOption(155.0, 32.0)]  # to the left of the preset's camera
+    if options.samples is None:
+        options.samples = 1  # a good picture of this data set, and nobody wants to wait for a first one
     if options.output is None:
         particles = demo_particles()
         _serve(options, particles, None, view, particles)
     else:
         check_output(options.output)
-        if options.samples is None and options.light == "texture":
-            options.samples = 1  # a good picture of this data set, and nobody wants to wait for a first one
         _draw(options, demo_particles(), view, {"file": "demo", "frame": 0})
 
 

@@ -9,6 +9,7 @@ const SLOW_MS = 60; // a frame slower than this is drawn smaller while the camer
 const SWEEP_MS = 90; // between looks for visible particles while it moves
 const MOVING_STEP = 4;
 const SWEEP_PIXELS = 1_500_000; // of a picture that is read back whole
+const LIGHT_PAUSE = 4; // frames' worth of time that a slow renderer leaves to whoever bakes, between two looks at new light
 const SMOOTH_MS = 120; // time to spend on a smoother picture before new light is shown
 
 /** @param {number} k @param {number} base */
@@ -42,6 +43,7 @@ export class Film {
     /** @type {Pass | null} */
     this.shown = null;
     this.sweptAt = 0;
+    this.begunAt = 0;
     // Sweeps since the camera moved: of the picture without shift, and of how many shifted ones after it.
     this.central = 0;
     this.shifted = 0;
@@ -108,9 +110,14 @@ export class Film {
     const fullMs = (renderer.frameMs * width * height) / renderer.framePixels;
     const scale = moving && fullMs > SLOW_MS ? 0.5 : 1;
     let pass = this.pass;
+    // Drawing by software takes the very cores that light comes from: first know what is visible, then look now and then.
+    const slow = renderer.frameMs > SLOW_MS && pass !== null && pass.light !== this.light;
+    const pausing = slow && this.settled && now < this.begunAt + LIGHT_PAUSE * renderer.frameMs;
     if (pass === null || pass.epoch !== this.epoch || pass.scale < scale) {
       pass = this.begin(scale, 1);
-    } else if (pass.light !== this.light && pass.count >= pass.want) {
+    } else if (pausing) {
+      return true;
+    } else if (!(slow && !this.settled) && pass.light !== this.light && pass.count >= pass.want) {
       pass = this.begin(pass.scale, Math.max(1, Math.min(8, Math.floor(SMOOTH_MS / renderer.frameMs))));
     }
     const shape = this.shape(pass);
@@ -170,6 +177,7 @@ export class Film {
   /** @param {number} scale @param {number} want samples before it replaces what is on screen @returns {Pass} */
   begin(scale, want) {
     const pair = this.shown === null ? 0 : 1 - this.shown.pair;
+    this.begunAt = performance.now();
     this.pass = { epoch: this.epoch, light: this.light, scale, count: 0, want, pair };
     return this.pass;
   }
