@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 __all__ = ["TextureFilter", "dilate"]
 
-_BASIS_COUNT = 32
+_BASIS_COUNT = 20
 # Fewer textures than this teach nothing: samples are taken as they are, and gaps filled from their rims.
 _LEAST_TEXTURES = 64
 # A texture's own noise estimate is blended with the data set's, as if the latter came from this many texels.

@@ -28,6 +28,7 @@ _BATCH_COUNT = 32
 _TRAINING_COUNT = 512
 _TRAINING_SAMPLES = 4
 _TRAINING_CANDIDATES = 16_384
+_TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
 _LIT = 0.02
 
 
@@ -99,8 +100,8 @@ class Baker:
         )
         lit: list[NDArray[np.int32]] = []
         found = 0
-        for start in range(0, len(order), 2048):
-            part = order[start : start + 2048]
+        for start in range(0, len(order), _TRAINING_ROUND):
+            part = order[start : start + _TRAINING_ROUND]
             mean = np.concatenate([m for m, _, _ in self._sample_all(part, 1, threads)])
             lit.append(part[mean.mean(axis=(1, 2)) > _LIT * self.scale])
             found += len(lit[-1])
