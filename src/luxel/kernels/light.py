@@ -12,7 +12,17 @@ from luxel.kernels.rng import next_state, uniform
 from luxel.kernels.tree_trace import occluded
 from luxel.kernels.warp import cone_direction
 
-__all__ = ["Lights", "direct_light", "escape_radiance", "lambert", "sky_irradiance"]
+__all__ = [
+    "Lights",
+    "area_light",
+    "direct_light",
+    "escape_radiance",
+    "hidden_by_light",
+    "lambert",
+    "sky_irradiance",
+    "sun_direction",
+    "sun_luminance",
+]
 
 _ZERO, _HALF, _ONE, _TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
 _INV_PI = np.float32(1 / math.pi)
@@ -92,11 +102,32 @@ def escape_radiance(lights, ox, oy, oz, dx, dy, dz):
 
 
 @kernel(inline=True)
+def hidden_by_light(lights, px, py, pz, dx, dy, dz, distance):
+    """Whether an area light stands nearer than `distance` along a ray."""
+    if lights.globes.shape[0] + lights.quads.shape[0] == 0:
+        return False
+    return _light_distance(lights, px, py, pz, dx, dy, dz) < distance * np.float32(0.9999)
+
+
+@kernel(inline=True)
 def _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, distance, skip):
-    if lights.globes.shape[0] + lights.quads.shape[0] > 0:
-        if _light_distance(lights, px, py, pz, dx, dy, dz) < distance * np.float32(0.9999):
-            return True
+    if hidden_by_light(lights, px, py, pz, dx, dy, dz, distance):
+        return True
     return shadows and occluded(tree, work, px, py, pz, dx, dy, dz, distance, skip)
+
+
+@kernel(inline=True)
+def sun_direction(lights, k, u, v):
+    """Direction towards a point of sun k's disc, uniform in solid angle."""
+    s = lights.suns[k]
+    return cone_direction(s[0], s[1], s[2], s[5], u, v)
+
+
+@kernel(inline=True)
+def sun_luminance(lights, k, cosine):
+    """One-sample estimate of sun k's share of T for an open ray at `cosine` from the normal."""
+    s = lights.suns[k]
+    return s[3] * cosine * _TWO / (_ONE + s[5])
 
 
 @kernel
@@ -104,13 +135,20 @@ def direct_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, stat
     """One-sample estimate of (1/π) ∫ L cosθ dω over suns, spheres and quads; returns (luminance, state)."""
     total = _ZERO
     for k in range(lights.suns.shape[0]):
-        s = lights.suns[k]
         state = next_state(state)
         u, v = uniform(state)
-        dx, dy, dz = cone_direction(s[0], s[1], s[2], s[5], u, v)
+        dx, dy, dz = sun_direction(lights, k, u, v)
         c = nx * dx + ny * dy + nz * dz
         if c > 0 and not _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, _FAR, skip):
-            total += s[3] * c * _TWO / (_ONE + s[5])
+            total += sun_luminance(lights, k, c)
+    area, state = area_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, state)
+    return total + area, state
+
+
+@kernel
+def area_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, state):
+    """As `direct_light`, spheres and quads only."""
+    total = _ZERO
     for k in range(lights.globes.shape[0]):
         g = lights.globes[k]
         state = next_state(state)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from luxel.arrays import as_ids
-from luxel.kernels.path import sample_texels
+from luxel.kernels.texels import sample_texels
 from luxel.light.denoise import TextureFilter
 from luxel.light.lights import luminance_scale
+from luxel.light.ray_sets import texel_frames
 from luxel.light.world import make_world
 from luxel.scene.scene import Scene
 from luxel.textures.spec import Mode, TextureSpec, light_key
@@ -83,7 +84,7 @@ class Baker:
         shape = (len(ids), self.spec.texels, self.spec.texels)
         mean, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
         exposed = np.empty(shape, np.uint32)
-        sample_texels(self._world, ids, round(samples**0.5), mean, variance, exposed)
+        sample_texels(self._world, ids, round(samples**0.5), texel_frames(self.spec.texels), mean, variance, exposed)
         return mean, variance, exposed
 
     def _learned(self, threads: int = 1) -> TextureFilter:

@@ -1,0 +1,282 @@
+"""Near field: all rays of one particle against its neighbours, found and sorted once, sixteen rays at a time.
+
+A particle's gather rays start on one small sphere, so most of what stops them is among a few dozen neighbours. These
+are collected from the tree by the distance of their surfaces, whatever their size, and rays are tested against them
+in blocks, nearest neighbours first. Only rays that leave the ball that was searched go on through the tree.
+
+Lengths are in radii of the particle, points relative to its centre: a ray starts at the unit vector a.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.simd import (
+    FAR,
+    LANES,
+    any_lane,
+    bits,
+    fma,
+    fnma,
+    lane_max,
+    load,
+    mask_from_bits,
+    select,
+    splat,
+    splat_int,
+    store,
+    trailing_zeros,
+    vmax,
+    vsqrt,
+)
+from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE
+
+__all__ = ["RAY", "Near", "collect", "near_scratch", "nearest", "patch_neighbours", "unblocked"]
+
+# Words of a block of sixteen rays: start a, direction d, and w = a·d.
+RAY = 7 * LANES
+# The ball searched reaches this far from the centre, unless it holds too many.
+_REACH = np.float32(3.5)
+_CAPACITY = 512
+_ENOUGH = 128
+# Beyond this ratio of radii b² - q cancels: such neighbours are tested by their distance from the ray.
+_GIANT = np.float32(8)
+_EXIT = np.float32(1e-4)  # as in tree_trace: a sphere that a ray is about to leave does not block it
+_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+
+
+class Near(NamedTuple):
+    """Neighbours of one particle, nearest surface first; working memory of one thread."""
+
+    x: np.ndarray  # (capacity,) float32 centres
+    y: np.ndarray
+    z: np.ndarray
+    far: np.ndarray  # distance of the centre
+    power: np.ndarray  # |centre|² - radius² + 1
+    radius: np.ndarray
+    surface: np.ndarray  # distance of the nearest point of the surface from the particle's centre
+    id: np.ndarray  # int32
+    chosen: np.ndarray  # int32: neighbours that rays of one patch may meet
+    hit_t: np.ndarray  # float32 a ray
+    hit: np.ndarray  # int32 a ray
+    lanes: np.ndarray
+
+
+@kernel
+def near_scratch(rays):
+    """Allocate for at most `rays` rays at a time."""
+    size = _CAPACITY + LANES
+    return Near(
+        np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32),
+        np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32),
+        np.zeros(size, np.float32), np.zeros(size, np.int32), np.zeros(size, np.int32),
+        np.zeros(rays, np.float32), np.zeros(rays, np.int32), np.zeros(8 * LANES, np.float32),
+    )  # fmt: skip
+
+
+@kernel
+def _shrink(near, count):
+    """Keep the `_ENOUGH` neighbours with the nearest surfaces; returns the new reach."""
+    low, high = 0, count - 1
+    while low < high:  # Hoare's selection
+        pivot = near.surface[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while near.surface[i] < pivot:
+                i += 1
+            while near.surface[j] > pivot:
+                j -= 1
+            if i <= j:
+                _swap(near, i, j)
+                i += 1
+                j -= 1
+        if j >= _ENOUGH:
+            high = j
+        elif i <= _ENOUGH:
+            low = i
+        else:
+            break
+    return near.surface[_ENOUGH]
+
+
+@kernel(inline=True)
+def _swap(near, i, j):
+    near.x[i], near.x[j] = near.x[j], near.x[i]
+    near.y[i], near.y[j] = near.y[j], near.y[i]
+    near.z[i], near.z[j] = near.z[j], near.z[i]
+    near.radius[i], near.radius[j] = near.radius[j], near.radius[i]
+    near.surface[i], near.surface[j] = near.surface[j], near.surface[i]
+    near.id[i], near.id[j] = near.id[j], near.id[i]
+
+
+@kernel
+def collect(tree, work, near, cx, cy, cz, r, skip):
+    """Find the neighbours of a sphere; returns (count, reach).
+
+    Every sphere but `skip` whose surface comes within `reach` radii of the centre is among them; where more than the
+    buffer holds lie near, `reach` shrinks, and what is left out is found by the tree.
+    """
+    nodes, child, spheres, ids = tree.nodes, tree.child, tree.spheres, tree.ids
+    stack, lanes = work.node, near.lanes
+    vx, vy, vz = splat(cx), splat(cy), splat(cz)
+    zero = splat(_ZERO)
+    inverse = _ONE / r
+    reach = _REACH
+    count = 0
+    stack[0] = 0
+    height = 1
+    while height > 0:
+        height -= 1
+        node = stack[height]
+        limit = reach * r
+        if node >= 0:
+            o = node * NODE
+            gx = vmax(vmax(load(nodes, o) - vx, vx - load(nodes, o + 3 * LANES)), zero)
+            gy = vmax(vmax(load(nodes, o + LANES) - vy, vy - load(nodes, o + 4 * LANES)), zero)
+            gz = vmax(vmax(load(nodes, o + 2 * LANES) - vz, vz - load(nodes, o + 5 * LANES)), zero)
+            m = bits(fma(gx, gx, fma(gy, gy, gz * gz)) < splat(limit * limit))
+            while m != 0:
+                stack[height] = child[o + CHILDREN + trailing_zeros(m)]
+                height += 1
+                m &= m - 1
+        else:
+            o = ~node * LEAF
+            ex, ey, ez = load(spheres, o) - vx, load(spheres, o + LANES) - vy, load(spheres, o + 2 * LANES) - vz
+            radius = vsqrt(vmax(load(spheres, o + 3 * LANES), zero))
+            surface = vsqrt(fma(ex, ex, fma(ey, ey, ez * ez))) - radius
+            m = bits((surface < splat(limit)) & (load(ids, o + IDS) != splat_int(skip)))
+            if m == 0:
+                continue
+            store(lanes, 0, ex)
+            store(lanes, LANES, ey)
+            store(lanes, 2 * LANES, ez)
+            store(lanes, 3 * LANES, radius)
+            store(lanes, 4 * LANES, surface)
+            while m != 0:
+                k = trailing_zeros(m)
+                m &= m - 1
+                near.x[count] = lanes[k] * inverse
+                near.y[count] = lanes[LANES + k] * inverse
+                near.z[count] = lanes[2 * LANES + k] * inverse
+                near.radius[count] = lanes[3 * LANES + k] * inverse
+                near.surface[count] = lanes[4 * LANES + k] * inverse
+                near.id[count] = ids[o + IDS + k]
+                count += 1
+            if count > _CAPACITY - LANES:
+                reach = _shrink(near, count)
+                count = _ENOUGH
+    if count > _ENOUGH:
+        reach = _shrink(near, count)
+        count = _ENOUGH
+    _sort(near, count)
+    for k in range(count):
+        x, y, z = np.float64(near.x[k]), np.float64(near.y[k]), np.float64(near.z[k])
+        d = np.sqrt(x * x + y * y + z * z)
+        near.far[k] = np.float32(d)
+        near.power[k] = np.float32((d - near.radius[k]) * (d + near.radius[k]) + 1.0)
+    for k in range(count, (count + LANES - 1) // LANES * LANES):
+        near.x[k] = near.y[k] = near.z[k] = near.far[k] = _ZERO
+        near.radius[k] = -FAR
+    return count, reach
+
+
+@kernel
+def _sort(near, count):
+    """Shell sort by surface distance."""
+    gap = 10
+    while gap > 0:
+        for a in range(gap, count):
+            x, y, z = near.x[a], near.y[a], near.z[a]
+            radius, surface, particle = near.radius[a], near.surface[a], near.id[a]
+            b = a
+            while b >= gap and near.surface[b - gap] > surface:
+                c = b - gap
+                near.x[b], near.y[b], near.z[b] = near.x[c], near.y[c], near.z[c]
+                near.radius[b], near.surface[b], near.id[b] = near.radius[c], near.surface[c], near.id[c]
+                b = c
+            near.x[b], near.y[b], near.z[b] = x, y, z
+            near.radius[b], near.surface[b], near.id[b] = radius, surface, particle
+        gap = 4 if gap == 10 else 1 if gap == 4 else 0
+
+
+@kernel
+def patch_neighbours(near, count, nx, ny, nz, spread):
+    """Choose the neighbours that rise above the horizon somewhere within chord `spread` of n; returns their number."""
+    vx, vy, vz, vs = splat(nx), splat(ny), splat(nz), splat(spread)
+    chosen = near.chosen
+    found = 0
+    for k in range(0, count, LANES):
+        height = fma(load(near.x, k), vx, fma(load(near.y, k), vy, load(near.z, k) * vz))
+        m = bits(fma(load(near.far, k), vs, height) + load(near.radius, k) > splat(_ONE))
+        while m != 0:
+            chosen[found] = k + trailing_zeros(m)
+            found += 1
+            m &= m - 1
+    return found
+
+
+@kernel(inline=True)
+def _cross(near, j, ax, ay, az, dx, dy, dz, w):
+    """Return (b, disc, inside power) of sixteen rays and neighbour j: they meet at b -+ sqrt(disc)."""
+    ex, ey, ez = splat(near.x[j]), splat(near.y[j]), splat(near.z[j])
+    b = fma(dx, ex, fma(dy, ey, fma(dz, ez, -w)))
+    q = fnma(splat(_TWO), fma(ax, ex, fma(ay, ey, az * ez)), splat(near.power[j]))
+    if near.radius[j] > _GIANT:
+        px, py, pz = fnma(b, dx, ex - ax), fnma(b, dy, ey - ay), fnma(b, dz, ez - az)
+        p = vsqrt(fma(px, px, fma(py, py, pz * pz)))
+        r = splat(near.radius[j])
+        return b, (r - p) * (r + p), q
+    return b, fma(b, b, -q), q
+
+
+@kernel
+def nearest(near, found, rays, first, blocks, out):
+    """Nearest neighbour met by each ray of `blocks` blocks: writes near.hit_t (FAR for none, 0 for a start inside) and near.hit.
+
+    `found` neighbours were chosen; blocks start at word `first` of `rays`; results start at ray `out`.
+    """
+    zero, exit_ = splat(_ZERO), splat(_EXIT)
+    for block in range(blocks):
+        o = first + block * RAY
+        ax, ay, az = load(rays, o), load(rays, o + LANES), load(rays, o + 2 * LANES)
+        dx, dy, dz = load(rays, o + 3 * LANES), load(rays, o + 4 * LANES), load(rays, o + 5 * LANES)
+        w = load(rays, o + 6 * LANES)
+        t, hit, latest = splat(FAR), splat_int(np.int32(-1)), FAR
+        for k in range(found):
+            j = near.chosen[k]
+            if near.surface[j] - _ONE > latest:
+                break
+            b, disc, _ = _cross(near, j, ax, ay, az, dx, dy, dz, w)
+            crosses = disc >= zero
+            if any_lane(crosses):
+                root = vsqrt(vmax(disc, zero))
+                start = vmax(b - root, zero)
+                hits = crosses & (b + root > exit_ * near.radius[j]) & (start < t)
+                if any_lane(hits):
+                    t = select(hits, start, t)
+                    hit = select(hits, splat_int(np.int32(j)), hit)
+                    latest = lane_max(t)
+        store(near.hit_t, out + block * LANES, t)
+        store(near.hit, out + block * LANES, hit)
+
+
+@kernel
+def unblocked(near, found, rays, first, open_):
+    """Which of sixteen rays no chosen neighbour blocks: a subset of the bits `open_`."""
+    zero, exit_ = splat(_ZERO), splat(_EXIT)
+    ax, ay, az = load(rays, first), load(rays, first + LANES), load(rays, first + 2 * LANES)
+    dx, dy, dz = load(rays, first + 3 * LANES), load(rays, first + 4 * LANES), load(rays, first + 5 * LANES)
+    w = load(rays, first + 6 * LANES)
+    still = mask_from_bits(open_)
+    for k in range(found):
+        j = near.chosen[k]
+        b, disc, q = _cross(near, j, ax, ay, az, dx, dy, dz, w)
+        margin = exit_ * near.radius[j]
+        # Blocked if b + sqrt(disc) > margin; said without the root.
+        still = still & ((disc <= zero) | (vmax(b - margin, (b + b - margin) * margin - q) <= zero))
+        if not any_lane(still):
+            return 0
+    return bits(still)

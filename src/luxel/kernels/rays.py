@@ -1,0 +1,153 @@
+"""The rays of one particle: near field first, the tree for what leaves it.
+
+Rays stand in blocks of sixteen (see ``near.RAY``) and start at unit vectors; distances are in radii of the particle.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.light import escape_radiance, hidden_by_light, sun_luminance
+from luxel.kernels.near import RAY, nearest, unblocked
+from luxel.kernels.simd import FAR, LANES, trailing_zeros
+from luxel.kernels.tree_trace import trace
+
+__all__ = [
+    "Site",
+    "add_sunlight",
+    "escaping",
+    "first_hits",
+    "put_ray",
+    "ray_start",
+    "ray_word",
+    "sky_along",
+    "within_reach",
+]
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+_ALL = (1 << LANES) - 1
+_NONE = np.int32(-1)
+_TOUCHING = np.float32(1e-6)  # a hit beyond the near ball is no start inside a neighbour, whatever rounding says
+
+
+class Site(NamedTuple):
+    """A particle whose rays are followed; `reach` bounds its near field, see ``near.collect``."""
+
+    sphere: np.int32
+    x: np.float32
+    y: np.float32
+    z: np.float32
+    r: np.float32
+    reach: np.float32
+
+
+@kernel(inline=True)
+def put_ray(rays, o, ax, ay, az, dx, dy, dz):
+    """Write a ray at word `o`."""
+    rays[o], rays[o + LANES], rays[o + 2 * LANES] = ax, ay, az
+    rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES] = dx, dy, dz
+    rays[o + 6 * LANES] = ax * dx + ay * dy + az * dz
+
+
+@kernel(inline=True)
+def ray_word(k):
+    """First word of ray k."""
+    return (k // LANES) * RAY + k % LANES
+
+
+@kernel(inline=True)
+def ray_start(site, rays, o):
+    """Normal and point where a ray starts."""
+    ax, ay, az = rays[o], rays[o + LANES], rays[o + 2 * LANES]
+    return ax, ay, az, site.x + site.r * ax, site.y + site.r * ay, site.z + site.r * az
+
+
+@kernel(inline=True)
+def sky_along(world, site, rays, o):
+    """What an unblocked ray sees."""
+    _, _, _, px, py, pz = ray_start(site, rays, o)
+    return escape_radiance(
+        world.lights, px, py, pz, rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
+    )
+
+
+@kernel(inline=True)
+def _beyond(world, work, site, rays, o, t, any_hit):
+    """Follow a ray from where it leaves the near ball up to distance t; returns (distance, particle), -1 for a miss."""
+    w = rays[o + 6 * LANES]
+    reach = site.reach
+    start = np.sqrt(max(_ZERO, w * w + reach * reach - _ONE)) - w if reach > _ONE else _ZERO
+    if t <= start:
+        return t, _NONE
+    dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
+    px = site.x + site.r * (rays[o] + start * dx)
+    py = site.y + site.r * (rays[o + LANES] + start * dy)
+    pz = site.z + site.r * (rays[o + 2 * LANES] + start * dz)
+    limit = (t - start) * site.r if t < FAR else FAR
+    s, hit = trace(world.tree, work, px, py, pz, dx, dy, dz, limit, site.sphere, any_hit)
+    return start + s / site.r, hit
+
+
+@kernel
+def first_hits(world, work, near, found, site, rays, first, count):
+    """Nearest hits of `count` rays from word `first`: near.hit_t, 0 for a start inside a neighbour; near.hit: particle or -1."""
+    nearest(near, found, rays, first, (count + LANES - 1) // LANES, 0)
+    for k in range(count):
+        t, hit = near.hit_t[k], near.hit[k]
+        particle = near.id[hit] if hit >= 0 else _NONE
+        beyond, other = _beyond(world, work, site, rays, first + ray_word(k), t, False)
+        if other >= 0:
+            t, particle = max(beyond, _TOUCHING) if site.reach > _ONE else beyond, other
+        near.hit_t[k], near.hit[k] = t, particle
+
+
+@kernel
+def within_reach(world, work, near, found, site, rays, first, count, values, base):
+    """Sky radiance for rays that nothing stops within ``world.reach``, else 0; -1 for starts inside a neighbour."""
+    first_hits(world, work, near, found, site, rays, first, count)
+    for k in range(count):
+        t = near.hit_t[k]
+        if near.hit[k] >= 0 and t * site.r < world.reach:
+            values[base + k] = -_ONE if t <= 0 else _ZERO
+        else:
+            values[base + k] = sky_along(world, site, rays, first + ray_word(k))
+
+
+@kernel
+def escaping(world, work, near, found, site, rays, first, count, values, base):
+    """Sky radiance for rays that nothing stops, else 0."""
+    for block in range((count + LANES - 1) // LANES):
+        o = first + block * RAY
+        open_ = unblocked(near, found, rays, o, _ALL)
+        for lane in range(min(LANES, count - block * LANES)):
+            value = _ZERO
+            if open_ >> lane & 1 and _beyond(world, work, site, rays, o + lane, FAR, True)[1] < 0:
+                value = sky_along(world, site, rays, o + lane)
+            values[base + block * LANES + lane] = value
+
+
+@kernel
+def add_sunlight(world, work, near, found, site, sun, rays, first, count, values, base):
+    """Add sun `sun`'s light to values that are not negative; rays point towards its disc."""
+    for block in range((count + LANES - 1) // LANES):
+        o = first + block * RAY
+        at = base + block * LANES
+        open_ = 0
+        for lane in range(min(LANES, count - block * LANES)):
+            if values[at + lane] >= 0 and rays[o + 6 * LANES + lane] > 0:
+                open_ |= 1 << lane
+        if open_ != 0:
+            open_ = unblocked(near, found, rays, o, open_)
+        while open_ != 0:
+            lane = trailing_zeros(open_)
+            open_ &= open_ - 1
+            q = o + lane
+            if _beyond(world, work, site, rays, q, FAR, True)[1] >= 0:
+                continue
+            _, _, _, px, py, pz = ray_start(site, rays, q)
+            dx, dy, dz = rays[q + 3 * LANES], rays[q + 4 * LANES], rays[q + 5 * LANES]
+            if not hidden_by_light(world.lights, px, py, pz, dx, dy, dz, FAR):
+                values[at + lane] += sun_luminance(world.lights, sun, rays[q + 6 * LANES])

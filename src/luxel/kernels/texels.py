@@ -1,0 +1,166 @@
+"""Samples of luminance over the texels of a particle by path tracing, to the letter of the paper (3.2).
+
+All first rays of a particle go through its near field (``near``); what leaves it goes on through the tree.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.light import area_light, sun_direction
+from luxel.kernels.near import RAY, collect, near_scratch, patch_neighbours
+from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at, path_tail
+from luxel.kernels.rays import (
+    Site,
+    add_sunlight,
+    escaping,
+    first_hits,
+    put_ray,
+    ray_start,
+    ray_word,
+    sky_along,
+    within_reach,
+)
+from luxel.kernels.rng import PURPOSE_TEXEL, next_state, path_key, uniform
+from luxel.kernels.simd import FAR, LANES
+from luxel.kernels.tree_trace import scratch
+from luxel.kernels.warp import cosine_direction, latlong_direction
+
+__all__ = ["sample_texels"]
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+
+
+@kernel
+def _draw(world, sphere, texel, texels, grid, rays, sun_rays, states):
+    """Draw a texel's first rays and those towards every sun, numbers as in ``path.luminance_at``."""
+    row, column = texel // texels, texel % texels
+    step = _ONE / np.float32(texels * grid)
+    for s in range(grid * grid):
+        state = path_key(world.seed, sphere, texel, s, PURPOSE_TEXEL)
+        ju, jv = uniform(state)
+        u = (np.float32(column * grid + s % grid) + ju) * step
+        v = (np.float32(row * grid + s // grid) + jv) * step
+        ax, ay, az = latlong_direction(u, v)
+        states[s] = state
+        state = next_state(state)
+        u, v = uniform(state)
+        dx, dy, dz = cosine_direction(ax, ay, az, u, v)
+        put_ray(rays, ray_word(s), ax, ay, az, dx, dy, dz)
+        for q in range(world.lights.suns.shape[0]):
+            state = next_state(state)
+            u, v = uniform(state)
+            dx, dy, dz = sun_direction(world.lights, q, u, v)
+            put_ray(sun_rays[q], ray_word(s), ax, ay, az, dx, dy, dz)
+
+
+@kernel
+def _plain(world, work, site, rays, count, values, states):
+    """Every sample by itself through the tree."""
+    for s in range(count):
+        ax, ay, az, px, py, pz = ray_start(site, rays, ray_word(s))
+        values[s] = luminance_at(world, work, site.sphere, px, py, pz, ax, ay, az, states[s])
+
+
+@kernel
+def _paths(world, work, near, found, site, rays, count, values, states):
+    """All but the first vertex' suns along the path of each sample; buried samples become -1."""
+    first_hits(world, work, near, found, site, rays, 0, count)
+    for s in range(count):
+        t, hit = near.hit_t[s], near.hit[s]
+        if hit >= 0 and t <= 0:
+            values[s] = -_ONE
+            continue
+        o = ray_word(s)
+        ax, ay, az, px, py, pz = ray_start(site, rays, o)
+        value, state = area_light(
+            world.tree, work, world.lights, True, px, py, pz, ax, ay, az, site.sphere, states[s]
+        )
+        if hit < 0:
+            value += sky_along(world, site, rays, o)
+        else:
+            t *= site.r
+            value += path_tail(
+                world, work, hit, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
+                pz + t * rays[o + 5 * LANES], state,
+            )  # fmt: skip
+        values[s] = value
+
+
+@kernel
+def _area_lights(world, work, site, rays, count, values, states):
+    if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:
+        return
+    for s in range(count):
+        ax, ay, az, px, py, pz = ray_start(site, rays, ray_word(s))
+        values[s] += area_light(
+            world.tree, work, world.lights, True, px, py, pz, ax, ay, az, site.sphere, states[s]
+        )[0]
+
+
+@kernel
+def sample_texels(world, ids, grid, frames, mean, variance, exposed):
+    """Sample the textures of particles `ids` with grid × grid jittered samples a texel, uniform in (u, v).
+
+    Parameters
+    ----------
+    frames
+        (T·T, 4) float32: middle of every texel and the largest chord from it to a point of the texel.
+    mean
+        (K, T, T) float32: mean over the samples whose origin is not buried in a neighbour; 0 where all are.
+    variance
+        (K, T, T) float32: variance of one sample, unbiased; 0 where fewer than two samples are exposed.
+    exposed
+        (K, T, T) uint32: number of samples that are not buried. Models without bounces, which only ask whether a ray
+        is blocked, count buried samples as exposed and dark.
+    """
+    texels = mean.shape[1]
+    count = grid * grid
+    blocks = (count + LANES - 1) // LANES
+    suns = world.lights.suns.shape[0]
+    work = scratch(world.tree.stack_size)
+    near = near_scratch(blocks * LANES)
+    rays = np.zeros(blocks * RAY, np.float32)
+    sun_rays = np.zeros((max(1, suns), blocks * RAY), np.float32)
+    states = np.zeros(count, np.uint64)
+    values = np.zeros(count, np.float32)
+    after_suns = next_state(np.uint64(0)) * np.uint64(1 + suns)
+    for k in range(ids.shape[0]):
+        i = ids[k]
+        x, y, z, r = world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i]
+        neighbours, reach = collect(world.tree, work, near, x, y, z, r, i)
+        site = Site(i, x, y, z, r, reach)
+        for texel in range(texels * texels):
+            _draw(world, i, texel, texels, grid, rays, sun_rays, states)
+            if world.model == LAMBERTIAN:
+                _plain(world, work, site, rays, count, values, states)
+            else:
+                f = frames[texel]
+                found = patch_neighbours(near, neighbours, f[0], f[1], f[2], f[3])
+                for s in range(count):
+                    states[s] += after_suns
+                if world.model == INTERREFLECTION:
+                    _paths(world, work, near, found, site, rays, count, values, states)
+                elif world.reach < FAR:
+                    within_reach(world, work, near, found, site, rays, 0, count, values, 0)
+                else:
+                    escaping(world, work, near, found, site, rays, 0, count, values, 0)
+                if world.model == SHADOWS:
+                    _area_lights(world, work, site, rays, count, values, states)
+                for q in range(suns):
+                    add_sunlight(world, work, near, found, site, q, sun_rays[q], 0, count, values, 0)
+            total = total2 = 0.0
+            seen = 0
+            for s in range(count):
+                value = values[s]
+                if value >= 0:
+                    total += value
+                    total2 += value * value
+                    seen += 1
+            row, column = texel // texels, texel % texels
+            mean[k, row, column] = total / seen if seen > 0 else 0.0
+            variance[k, row, column] = (
+                max(0.0, total2 - total * total / seen) / (seen - 1) if seen > 1 else 0.0
+            )
+            exposed[k, row, column] = seen
