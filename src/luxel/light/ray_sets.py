@@ -7,21 +7,16 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.light.mapping import Mapping, square_directions
+
 __all__ = ["texel_frames"]
 
 
-def latlong_points(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors (…, 3) of latitude-longitude coordinates, see ``kernels.warp.latlong_direction``."""
-    phi, theta = np.broadcast_arrays(2 * np.pi * u, np.pi * v)
-    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-
-
 @cache
-def texel_frames(texels: int) -> NDArray[np.float32]:
+def texel_frames(mapping: Mapping, texels: int) -> NDArray[np.float32]:
     """(T·T, 4) float32: middle of every texel and the largest chord from it to a point of the texel."""
     fine = 8
-    edges = np.linspace(0, 1, texels * fine + 1)
-    grid = latlong_points(edges[None, :], edges[:, None])
+    grid = square_directions(mapping, np.linspace(0, 1, texels * fine + 1)).astype(np.float64)
     frames = np.empty((texels * texels, 4), np.float32)
     for row in range(texels):
         for column in range(texels):
