@@ -13,7 +13,8 @@ from luxel.arrays import as_ids
 from luxel.kernels.texels import sample_texels
 from luxel.light.denoise import TextureFilter
 from luxel.light.lights import luminance_scale
-from luxel.kernels.texels import sample_texels
+from luxel.light.mapping import Mapping, mapping_code
+from luxel.light.ray_sets import texel_frames
 from luxel.light.world import make_world
 from luxel.scene.scene import Scene
 from luxel.textures.spec import Mode, TextureSpec, light_key
