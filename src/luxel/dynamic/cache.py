@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from luxel.dynamic.pool import Reader, TilePool
 from luxel.errors import InputError
+from luxel.light.mapping import Mapping
 from luxel.textures.textures import Encoding, TextureTable, decoding_table
 
 __all__ = ["BAKING", "FAILED", "MISSING", "QUEUED", "READY", "CacheStats", "Counts", "TextureCache"]
@@ -94,13 +95,16 @@ class TextureCache:
         Rows and columns of every tile.
     max_bytes
         Budget for texels; at least one tile is kept.
+    mapping
+        From texels to directions, for renderers.
     """
 
-    def __init__(self, texels: int = 16, max_bytes: int = 256 << 20) -> None:
+    def __init__(self, texels: int = 16, max_bytes: int = 256 << 20, mapping: Mapping = "latlong") -> None:
         if texels < 1 or max_bytes < 1:
             raise InputError(f"a cache needs texels >= 1 and max_bytes >= 1, got {texels} and {max_bytes}")
         self.texels = texels
         self.max_bytes = max_bytes
+        self.mapping: Mapping = mapping
         self._lock = threading.Lock()
         self._pool = TilePool(texels, min(max(1, max_bytes // (texels * texels)), 2**31 - 1))
         self._lights: dict[str, _Light] = {}  # in the order of their latest begin()
@@ -259,7 +263,7 @@ class TextureCache:
                 return None
             if light.table is None:
                 # Not flagged read-only: Numba would compile every kernel a second time for such arrays.
-                light.table = TextureTable(light.slot.copy(), self._pool.codes, light.decoding)
+                light.table = TextureTable(light.slot.copy(), self._pool.codes, light.decoding, self.mapping)
                 light.readers = [*_living(light), weakref.ref(light.table.slot)]
             return light.table
 

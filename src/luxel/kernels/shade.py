@@ -6,11 +6,11 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import lambert
+from luxel.kernels.mapping import texel_uv, wrapped
 from luxel.kernels.path import luminance_at
 from luxel.kernels.rng import PURPOSE_PIXEL, path_key
 from luxel.kernels.tiles import primary_ray
 from luxel.kernels.tree_trace import scratch
-from luxel.kernels.warp import latlong_uv
 
 __all__ = ["bilinear", "develop", "shade_pixels", "shade_textures"]
 
@@ -18,30 +18,24 @@ _HALF, _ONE = np.float32(0.5), np.float32(1)
 
 
 @kernel(inline=True)
-def _texel(codes, decoding, slot, row, column):
-    """Decoded texel; rows beyond a pole continue on the opposite side."""
-    texels = codes.shape[1]
-    if row < 0:
-        row, column = -1 - row, column + texels // 2
-    elif row >= texels:
-        row, column = 2 * texels - 1 - row, column + texels // 2
-    return decoding[codes[slot, row, column % texels]]
+def _texel(mapping, codes, decoding, slot, row, column):
+    row, column = wrapped(mapping, codes.shape[1], row, column)
+    return decoding[codes[slot, row, column]]
 
 
 @kernel
-def bilinear(codes, decoding, slot, nx, ny, nz):
+def bilinear(mapping, codes, decoding, slot, nx, ny, nz):
     """Luminance of texture `slot` where the unit normal n points, interpolated bilinearly (paper 3.4)."""
-    texels = codes.shape[1]
-    u, v = latlong_uv(nx, ny, nz)
-    x, y = u * np.float32(texels) - _HALF, v * np.float32(texels) - _HALF
+    texels = np.float32(codes.shape[1])
+    u, v = texel_uv(mapping, nx, ny, nz)
+    x, y = u * texels - _HALF, v * texels - _HALF
     column, row = int(np.floor(x)), int(np.floor(y))
     a, b = x - np.float32(column), y - np.float32(row)
-    column += texels  # keeps the remainder positive left of column 0
-    top = (_ONE - a) * _texel(codes, decoding, slot, row, column) + a * _texel(
-        codes, decoding, slot, row, column + 1
+    top = (_ONE - a) * _texel(mapping, codes, decoding, slot, row, column) + a * _texel(
+        mapping, codes, decoding, slot, row, column + 1
     )
-    low = (_ONE - a) * _texel(codes, decoding, slot, row + 1, column) + a * _texel(
-        codes, decoding, slot, row + 1, column + 1
+    low = (_ONE - a) * _texel(mapping, codes, decoding, slot, row + 1, column) + a * _texel(
+        mapping, codes, decoding, slot, row + 1, column + 1
     )
     return (_ONE - b) * top + b * low
 
@@ -67,7 +61,20 @@ def _add(total, colors, sphere, luminance):
 
 @kernel
 def shade_textures(
-    world, eye, shift_x, shift_y, first_row, last_row, distance, ids, slot, codes, decoding, colors, total
+    world,
+    eye,
+    shift_x,
+    shift_y,
+    first_row,
+    last_row,
+    distance,
+    ids,
+    mapping,
+    slot,
+    codes,
+    decoding,
+    colors,
+    total,
 ):
     """Add rows [first_row, last_row) to `total` (H, W, 5): luminance times colour, luminance, coverage.
 
@@ -85,7 +92,7 @@ def shade_textures(
             nx, ny, nz = _hit_normal(world.centers, sphere, ox, oy, oz, dx, dy, dz, distance[y, x])
             s = slot[sphere]
             if s >= 0:
-                luminance = bilinear(codes, decoding, s, nx, ny, nz)
+                luminance = bilinear(mapping, codes, decoding, s, nx, ny, nz)
             else:
                 r = world.radii[sphere]
                 luminance = lambert(

@@ -13,9 +13,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.kernels import mapping as maps
 from luxel.kernels.near import RAY
 from luxel.kernels.rays import RayTable
 from luxel.kernels.simd import LANES
+from luxel.light.mapping import Mapping, mapping_code, square_directions
 
 __all__ = ["make_ray_table", "texel_frames"]
 
@@ -26,18 +28,11 @@ _FEWEST_SETS, _MOST_SETS = 16, 128
 _PATCH_RAYS = 32
 
 
-def latlong_points(u: Float, v: Float) -> Float:
-    """Unit vectors (…, 3) of latitude-longitude coordinates, see ``kernels.warp.latlong_direction``."""
-    phi, theta = np.broadcast_arrays(2 * np.pi * u, np.pi * v)
-    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-
-
 @lru_cache(maxsize=8)
-def texel_frames(texels: int) -> NDArray[np.float32]:
+def texel_frames(mapping: Mapping, texels: int) -> NDArray[np.float32]:
     """(T·T, 4) float32: middle of every texel and the largest chord from it to a point of the texel."""
     fine = 8
-    edges = np.linspace(0, 1, texels * fine + 1)
-    grid = latlong_points(edges[None, :], edges[:, None])
+    grid = square_directions(mapping, np.linspace(0, 1, texels * fine + 1)).astype(np.float64)
     frames = np.empty((texels * texels, 4), np.float32)
     for row in range(texels):
         for column in range(texels):
@@ -48,7 +43,13 @@ def texel_frames(texels: int) -> NDArray[np.float32]:
 
 
 def make_ray_table(
-    shape: tuple[int, int], samples: int, suns: NDArray[np.float32], *, seed: int = 0, sets: int | None = None
+    mapping: Mapping,
+    shape: tuple[int, int],
+    samples: int,
+    suns: NDArray[np.float32],
+    *,
+    seed: int = 0,
+    sets: int | None = None,
 ) -> RayTable:
     """Make ray sets with `samples` (a square number) starts a texel, and as many directions towards each sun's disc.
 
@@ -70,7 +71,7 @@ def make_ray_table(
         rng = np.random.default_rng((seed, k, *shape, samples))
         jitter = rng.random((2, len(row)))
         u, v = (column + jitter[0]) / (shape[1] * grid), (row + jitter[1]) / (shape[0] * grid)
-        start = latlong_points(u, v)
+        start = _points(mapping, u, v)
         start = np.concatenate([start, np.repeat(start[-1:], blocks * LANES - count, axis=0)])
         starts[k] = start
         s, t = _scrambled_sobol(index, rng)
@@ -87,6 +88,13 @@ def make_ray_table(
     spans = [slice(b * LANES, min(b + width, blocks) * LANES) for b in range(0, blocks, width)]
     patches = np.array([_frame(starts[:, span].reshape(-1, 3)) for span in spans], np.float32)
     return RayTable(rays, sun_rays, texel, patches, width)
+
+
+def _points(mapping: Mapping, u: Float, v: Float) -> Float:
+    found = np.empty((len(u), 3), np.float32)
+    maps.point_directions(mapping_code(mapping), u.astype(np.float32), v.astype(np.float32), found)
+    points = found.astype(np.float64)
+    return points / np.linalg.norm(points, axis=-1, keepdims=True)
 
 
 def _frame(points: Float) -> tuple[float, ...]:

@@ -86,7 +86,7 @@ def _table(world: World) -> RayTable:
 @lru_cache(maxsize=4)
 def _cached_table(suns: bytes, count: int) -> RayTable:
     packed = np.frombuffer(suns, np.float32).reshape(count, 6)
-    return make_ray_table((_ROWS, _COLUMNS), 1, packed, sets=_SETS)
+    return make_ray_table("latlong", (_ROWS, _COLUMNS), 1, packed, sets=_SETS)
 
 
 def _rows(links: kernels.Links, part: slice) -> kernels.Links:

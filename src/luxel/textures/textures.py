@@ -8,6 +8,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.light.mapping import Mapping
+
 __all__ = ["LuminanceTextures", "TextureSource", "TextureTable", "decode", "encode"]
 
 Encoding = Literal["linear", "sqrt"]
@@ -44,14 +46,17 @@ class TextureTable:
     slot
         (N,) int32 for every particle of the scene: its row in `codes`, or -1 where there is no texture yet.
     codes
-        (M, texels, texels) uint8, rows are latitude from +Z, columns azimuth from +X towards +Y.
+        (M, texels, texels) uint8.
     decoding
         (256,) float32: luminance of each code.
+    mapping
+        From texels to directions, see :class:`luxel.TextureSpec`.
     """
 
     slot: NDArray[np.int32]
     codes: NDArray[np.uint8]
     decoding: NDArray[np.float32]
+    mapping: Mapping = "latlong"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +77,8 @@ class LuminanceTextures:
         The light key.
     clipped_count
         Texels whose luminance exceeded `scale`.
+    mapping
+        From texels to directions, see :class:`luxel.TextureSpec`.
     """
 
     ids: NDArray[np.int32]
@@ -81,6 +88,7 @@ class LuminanceTextures:
     count: int
     key: str
     clipped_count: int = 0
+    mapping: Mapping = "latlong"
 
     @property
     def luminance(self) -> NDArray[np.float32]:
@@ -97,7 +105,7 @@ class LuminanceTextures:
         slot = np.full(self.count, -1, dtype=np.int32)
         if key == self.key:
             slot[self.ids] = np.arange(len(self.ids), dtype=np.int32)
-        return TextureTable(slot, self.codes, decoding_table(self.scale, self.encoding))
+        return TextureTable(slot, self.codes, decoding_table(self.scale, self.encoding), self.mapping)
 
     def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
         """Textures of a bake are all there: nothing to request."""
