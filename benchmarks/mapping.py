@@ -30,6 +30,7 @@ from luxel.kernels.rng import PURPOSE_PIXEL, path_key
 from luxel.kernels.shade import bilinear
 from luxel.kernels.tree_trace import scratch
 from luxel.light.denoise import dilate
+from luxel.light.fast import draw_paths
 from luxel.light.mapping import Mapping, mapping_code, texel_solid_angles
 from luxel.light.world import make_world
 from luxel.picture.raytrace import visible_ids
@@ -100,13 +101,15 @@ def baked(pool: ThreadPoolExecutor, scene: luxel.Scene, spec: TextureSpec, ids: 
     """(K, T, T) luminance as a bake of this spec has it before it is rounded to 8 bits."""
     baker = Baker(scene, spec)
     baker.prepare()
-    return np.concatenate(in_parts(pool, lambda p: baker.luminance(ids[p]), len(ids)))
+    return np.concatenate(in_parts(pool, lambda p: baker.luminance(ids[p])[0], len(ids)))
 
 
 def limit(pool: ThreadPoolExecutor, scene: luxel.Scene, spec: TextureSpec, ids: NDArray[np.int32]) -> Floats:
     """(K, T, T) mean luminance of exposed samples, unfiltered, buried texels filled in."""
     baker = Baker(scene, spec)
-    parts = in_parts(pool, lambda p: baker._sample(ids[p], spec.samples), len(ids))
+    parts = in_parts(
+        pool, lambda p: draw_paths(baker.world, spec.mapping, spec.texels, spec.samples, ids[p]), len(ids)
+    )
     mean, _, exposed = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return dilate(mean, exposed > 0, spec.mapping)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import luxel
+from luxel.light.fast import draw_paths
 from luxel.scene.lights import sun_direction
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec
@@ -33,7 +34,7 @@ def test_lone_sphere_under_a_unit_sky_is_1_everywhere(model, mode, mapping):
 def test_furnace():
     # Albedo 1, unlimited depth, nothing buried: every point reflects exactly what the sky sends.
     scene = luxel.Scene(lattice(3), SKY, albedo=1.0)
-    exact = Baker(scene, TextureSpec(samples=49)).luminance(np.arange(27, dtype=np.int32))
+    exact = Baker(scene, TextureSpec(samples=49)).luminance(np.arange(27, dtype=np.int32))[0]
     # Roulette beyond sixteen bounces is the only noise.
     assert abs(float(exact.mean()) - 1) < 2e-3
     assert np.abs(exact.mean(axis=(1, 2)) - 1).max() < 0.03
@@ -195,7 +196,7 @@ def test_texel_means_equal_independent_means():
     # Another seed is an independent estimate; standardised differences must look like noise.
     scene = luxel.Scene(cloud(100), (luxel.Sky(1.0), luxel.Sun((1, 1, 1), 1.0)))
     ids = np.arange(20, dtype=np.int32)
-    a, b = (Baker(scene, TextureSpec(samples=100, seed=k))._sample(ids, 100) for k in (1, 2))
+    a, b = (draw_paths(Baker(scene, TextureSpec(seed=k)).world, "latlong", 16, 100, ids) for k in (1, 2))
     clear = (a[2] == 100) & (b[2] == 100) & (a[1] > 1e-4) & (b[1] > 1e-4)
     z = (a[0] - b[0])[clear] / np.sqrt((a[1] + b[1])[clear] / 100)
     assert clear.sum() > 1000

@@ -34,7 +34,18 @@ def _bounce(world, work, site, rays, o, t, hit, records, state):
     if is_lit(records.direct, hit):
         r = world.radii[hit]
         total += direct_light(
-            world.tree, work, world.lights, True, cx + r * nx, cy + r * ny, cz + r * nz, nx, ny, nz, hit, state
+            world.tree,
+            work,
+            world.lights,
+            True,
+            cx + r * nx,
+            cy + r * ny,
+            cz + r * nz,
+            nx,
+            ny,
+            nz,
+            hit,
+            state,
         )[0]
     return world.albedo * total
 

@@ -34,7 +34,9 @@ __all__ = [
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _ALL = (1 << LANES) - 1
 _NONE = np.int32(-1)
-_TOUCHING = np.float32(1e-6)  # a hit beyond the near ball is no start inside a neighbour, whatever rounding says
+_TOUCHING = np.float32(
+    1e-6
+)  # a hit beyond the near ball is no start inside a neighbour, whatever rounding says
 
 
 class RayTable(NamedTuple):
@@ -43,7 +45,9 @@ class RayTable(NamedTuple):
     rays: np.ndarray  # (sets, blocks * RAY) float32
     suns: np.ndarray  # (suns, sets, blocks * RAY) float32: the same starts, towards points of each sun's disc
     texel: np.ndarray  # (blocks * 16,) int32: the texel of each ray, -1 for padding
-    patches: np.ndarray  # (patches, 4) float32: middle of the starts of a patch's rays and largest chord from it
+    patches: (
+        np.ndarray
+    )  # (patches, 4) float32: middle of the starts of a patch's rays and largest chord from it
     width: int  # blocks a patch
 
 

@@ -53,7 +53,13 @@ def record_luminance(records, particle, x, y, z):
     c = records[particle]
     value = c[0] + c[1] * x + c[2] * y + c[3] * z
     if records.shape[1] == 9:
-        value += c[4] * x * y + c[5] * y * z + c[6] * z * x + c[7] * (x * x - y * y) + c[8] * (_THREE * z * z - _ONE)
+        value += (
+            c[4] * x * y
+            + c[5] * y * z
+            + c[6] * z * x
+            + c[7] * (x * x - y * y)
+            + c[8] * (_THREE * z * z - _ONE)
+        )
     return max(_ZERO, value)
 
 
@@ -126,7 +132,9 @@ def trace_links(world, table, ids, links, direct):
                         py + t * rays[o + 4 * LANES] - world.centers[hit, 1],
                         pz + t * rays[o + 5 * LANES] - world.centers[hit, 2],
                     )
-            add_direct(world, work, near, found, site, table, chosen_set, first, block, here, values[at : at + here])
+            add_direct(
+                world, work, near, found, site, table, chosen_set, first, block, here, values[at : at + here]
+            )
         _fit(rays, count, values, direct[k], 4)
 
 

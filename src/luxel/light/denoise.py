@@ -7,20 +7,34 @@ dimensions, paper 3.3). Independent of the camera, so it cannot shimmer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.light.mapping import Mapping, texel_neighbours
+from luxel.light.mapping import Mapping, texel_neighbours, texel_solid_angles
 
-__all__ = ["TextureFilter", "dilate"]
+__all__ = ["Samples", "TextureFilter", "dilate", "standard_error"]
 
-_BASIS_COUNT = 20
+# Directions of the covariance that are kept: more only pay with more samples.
+_FEW_BASIS, _MORE_BASIS = 20, 32
 # Fewer textures than this teach nothing: samples are taken as they are, and gaps filled from their rims.
 _LEAST_TEXTURES = 64
 # A texture's own noise estimate is blended with the data set's, as if the latter came from this many texels.
 _PRIOR_TEXELS = 32.0
+# Predicted errors are corrected bin by bin; a bin has at least so many training textures.
+_BIN_TEXTURES = 64
+
+Float = NDArray[np.float64]
+
+
+class Samples(NamedTuple):
+    """Sampled textures, as ``kernels.gather`` and ``kernels.texels`` write them."""
+
+    mean: NDArray[np.float32]  # (K, T, T) over exposed samples, 0 where there are none
+    variance: NDArray[np.float32]  # (K, T, T) of one sample
+    exposed: NDArray[np.uint32]  # (K, T, T) number of samples that are not buried
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,67 +53,99 @@ class TextureFilter:
         (D,) float64, the signal's variance in each texel that the basis leaves out.
     noise
         Variance of one sample, averaged over the training set.
+    gain
+        Noise of the samples as drawn, together, over that of as many independent ones: below 1 for ray sets.
+    bins, factors
+        (b,) predicted error variances and what to multiply them by, learned from the training set.
+    weights
+        (D,) solid angles of the texels, mean 1.
     mapping
         Of the textures.
     """
 
-    mean: NDArray[np.float64]
-    basis: NDArray[np.float64]
-    power: NDArray[np.float64]
-    rest: NDArray[np.float64]
+    mean: Float
+    basis: Float
+    power: Float
+    rest: Float
     noise: float
+    gain: float
+    bins: Float
+    factors: Float
+    weights: Float
     mapping: Mapping
 
     @classmethod
-    def learn(
-        cls,
-        mean: NDArray[np.float32],
-        variance: NDArray[np.float32],
-        exposed: NDArray[np.uint32],
-        mapping: Mapping,
-    ) -> TextureFilter:
-        """Learn from (K, T, T) training textures; arguments as from ``kernels.path.sample_texels``.
+    def learn(cls, first: Samples, second: Samples, drawn: Samples, mapping: Mapping) -> TextureFilter:
+        """Learn from three independent samplings of the same training textures.
 
-        The noise of the training textures themselves is subtracted from their covariance.
+        `first` and `second` are sampled well: products of the two are free of noise bias, whatever the noise is like
+        (Lehtinen et al. 2018, "Noise2Noise", use the same fact). `drawn` is sampled as textures to be filtered will be.
         """
-        count = len(mean)
-        samples = dilate(mean, exposed > 0, mapping).reshape(count, -1).astype(np.float64)
-        weight = exposed.reshape(count, -1).astype(np.float64)
-        noise = float((variance.reshape(count, -1) * (weight > 1)).sum() / max(1.0, (weight > 1).sum()))
-        center = samples.mean(axis=0)
-        offset = samples - center
-        covariance = offset.T @ offset / max(1, count - 1)
-        texel_noise = (variance.reshape(count, -1) / np.maximum(weight, 1)).mean(axis=0)
-        covariance[np.diag_indices_from(covariance)] -= texel_noise
-        signal = covariance.diagonal().copy()
+        count, texels = len(first.mean), first.mean.shape[1]
+        a, b = (
+            dilate(s.mean, s.exposed > 0, mapping).reshape(count, -1).astype(np.float64)
+            for s in (first, second)
+        )
+        center = 0.5 * (a + b).mean(axis=0)
+        covariance = (a - center).T @ (b - center) / max(1, count - 1)
+        covariance = 0.5 * (covariance + covariance.T)
+        signal = np.maximum(covariance.diagonal(), 0.0)
         power, vectors = np.linalg.eigh(covariance)
-        keep = min(_BASIS_COUNT, len(power)) if count >= _LEAST_TEXTURES else 0
+        least = float(np.median(drawn.exposed[drawn.exposed > 0])) if drawn.exposed.any() else 1.0
+        keep = min(_FEW_BASIS if least < 4 else _MORE_BASIS, len(power)) if count >= _LEAST_TEXTURES else 0
         power, vectors = power[::-1][:keep], vectors[:, ::-1][:, :keep]
         # A direction with less signal than the uncertainty of its own estimate would only add noise.
         floor = 1e-6 * max(float(signal.max()), 1e-12)
         power = np.maximum(power, floor)
         rest = np.maximum(signal - (vectors**2) @ power, floor)
-        return cls(center, np.ascontiguousarray(vectors.T), power, rest, noise, mapping)
+        spread, weight = (x.reshape(count, -1).astype(np.float64) for x in (first.variance, first.exposed))
+        noise = float((spread * (weight > 1)).sum() / max(1.0, (weight > 1).sum()))
+        mean, weight = (x.reshape(count, -1).astype(np.float64) for x in (drawn.mean, drawn.exposed))
+        seen = weight > 0
+        together = float(
+            ((mean - a) * (mean - b) * seen).sum() / max((seen / np.maximum(weight, 1)).sum(), 1e-12)
+        )
+        gain = float(np.clip(together / max(noise, 1e-12), 0.02, 1.5)) if noise > 0 else 1.0
+        angles = texel_solid_angles(mapping, texels).ravel()
+        raw = cls(
+            center, np.ascontiguousarray(vectors.T), power, rest, noise, gain, np.ones(1), np.ones(1),
+            angles / angles.mean(), mapping,
+        )  # fmt: skip
+        return raw._calibrated(a, b, drawn) if keep else raw
 
-    def apply(
-        self, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint32]
-    ) -> NDArray[np.float32]:
-        """Return filtered (K, T, T) luminance; texels with no exposed sample are predicted from the others.
+    def _calibrated(self, a: Float, b: Float, drawn: Samples) -> TextureFilter:
+        """Compare predicted errors with those found on the training set."""
+        found, predicted = self.apply(drawn)
+        estimate = found.reshape(a.shape).astype(np.float64)
+        weights = self.weights * (drawn.exposed.reshape(a.shape) > 0)
+        total = np.maximum(weights.sum(axis=1), 1e-9)
+        actual = ((estimate - a) * (estimate - b) * weights).sum(axis=1) / total
+        variance = predicted.astype(np.float64) ** 2
+        order = np.argsort(variance, kind="stable")
+        parts = np.array_split(order, max(1, len(order) // _BIN_TEXTURES))
+        bins = np.array([variance[p].mean() for p in parts])
+        factors = np.array([actual[p].mean() for p in parts]) / np.maximum(bins, 1e-20)
+        return replace(self, bins=bins, factors=np.clip(factors, 0.02, 50.0))
 
-        Every texture is treated alone: what it becomes does not depend on its batch.
+    def apply(self, samples: Samples) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return filtered (K, T, T) luminance and (K,) the standard error expected of an exposed texel.
+
+        Texels with no exposed sample are predicted from the others. Every texture is treated alone: what it becomes
+        does not depend on its batch.
         """
         if len(self.power) == 0:
-            return dilate(mean, exposed > 0, self.mapping)
-        shape = mean.shape
+            return dilate(samples.mean, samples.exposed > 0, self.mapping), standard_error(
+                samples, self.mapping
+            )
+        shape = samples.mean.shape
         count, size = shape[0], shape[1] * shape[2]
-        samples = mean.reshape(count, size).astype(np.float64)
-        weight = exposed.reshape(count, size).astype(np.float64)
-        spread = variance.reshape(count, size).astype(np.float64)
+        mean, spread, weight = (x.reshape(count, size).astype(np.float64) for x in samples)
+        seen = weight > 0
         known = weight > 1
         noise = (np.where(known, spread, 0.0).sum(axis=1) + _PRIOR_TEXELS * self.noise) / (
             known.sum(axis=1) + _PRIOR_TEXELS
         )
-        noise = np.maximum(noise, 1e-12)[:, None]
+        noise = np.maximum(self.gain * noise, 1e-12)[:, None]
         # What the basis cannot express counts as noise for its coefficients, and is kept texel by texel afterwards.
         gain = weight * self.rest / (noise + weight * self.rest)
         weight /= noise + weight * self.rest
@@ -108,16 +154,41 @@ class TextureFilter:
         matrix = projected @ self.basis.T
         diagonal = np.arange(len(self.power))
         matrix[:, diagonal, diagonal] += 1.0 / self.power
-        coefficients = np.linalg.solve(matrix, projected @ (samples - self.mean)[:, :, None])
+        inverse = np.linalg.inv(matrix)
+        coefficients = inverse @ (projected @ (mean - self.mean)[:, :, None])
         estimate = self.mean + (coefficients.swapaxes(1, 2) @ self.basis)[:, 0]
-        estimate = np.maximum(estimate + gain * (samples - estimate), 0.0)
-        seen = weight > 0
+        estimate = np.maximum(estimate + gain * (mean - estimate), 0.0)
         # What no sample saw is predicted, but never beyond what was seen elsewhere on the same particle.
         low = np.where(seen, estimate, np.inf).min(axis=1, keepdims=True)
         high = np.where(seen, estimate, -np.inf).max(axis=1, keepdims=True)
         estimate = np.where(seen | (high < low), estimate, np.minimum(np.maximum(estimate, low), high))
         estimate[~seen.any(axis=1)] = 0.0
-        return np.asarray(estimate.reshape(shape), dtype=np.float32)
+        error = self._error(inverse, gain, seen)
+        return np.asarray(estimate.reshape(shape), np.float32), np.asarray(error, np.float32)
+
+    def _error(self, inverse: Float, gain: Float, seen: NDArray[np.bool_]) -> Float:
+        """Posterior standard deviation over exposed texels, corrected by what training found."""
+        weights = np.where(seen, self.weights, 0.0)
+        total = np.maximum(weights.sum(axis=1), 1e-9)
+        share = weights * (1.0 - gain) ** 2
+        inner = (self.basis[None] * share[:, None, :]) @ self.basis.T
+        variance = (inverse * inner).sum(axis=(1, 2)) + (weights * self.rest * (1.0 - gain)).sum(axis=1)
+        variance /= total
+        factors = np.interp(
+            np.log(np.maximum(variance, 1e-20)), np.log(np.maximum(self.bins, 1e-20)), self.factors
+        )
+        return np.sqrt(variance * factors)
+
+
+def standard_error(samples: Samples, mapping: Mapping) -> NDArray[np.float32]:
+    """Return (K,) the standard error of an exposed texel's plain mean, root mean square over the sphere."""
+    count = len(samples.mean)
+    weight = samples.exposed.reshape(count, -1).astype(np.float64)
+    angles = texel_solid_angles(mapping, samples.mean.shape[1]).ravel() * (weight > 1)
+    variance = samples.variance.reshape(count, -1) / np.maximum(weight, 1.0)
+    return np.asarray(
+        np.sqrt((variance * angles).sum(axis=1) / np.maximum(angles.sum(axis=1), 1e-9)), dtype=np.float32
+    )
 
 
 def dilate(

@@ -55,7 +55,9 @@ def solve_records(world: World, scale: float, threads: int) -> kernels.Records:
     return kernels.Records(direct, rest)
 
 
-def first_records(world: World, scale: float, ids: NDArray[np.int32], threads: int = 1) -> NDArray[np.float32]:
+def first_records(
+    world: World, scale: float, ids: NDArray[np.int32], threads: int = 1
+) -> NDArray[np.float32]:
     """Return records (K, 4) of particles `ids` alone: direct light and sky, bounces guessed; for a first picture.
 
     A ray that meets another particle brings home what its own particle shows on average.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
@@ -10,11 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from luxel.arrays import as_ids
-from luxel.kernels.texels import sample_texels
-from luxel.light.denoise import TextureFilter
+from luxel.light.denoise import standard_error
+from luxel.light.fast import FastLight, draw_paths
 from luxel.light.lights import luminance_scale
-from luxel.light.mapping import Mapping, mapping_code
-from luxel.light.ray_sets import texel_frames
+from luxel.light.mapping import Mapping
 from luxel.light.world import make_world
 from luxel.scene.scene import Scene
 from luxel.textures.spec import Mode, TextureSpec, light_key
@@ -26,12 +24,6 @@ __all__ = ["Baker", "bake", "bake_with"]
 Progress = Callable[[int, int], None]
 
 _BATCH_COUNT = 32
-# The filter learns from this many lit textures, sampled this much better than the request.
-_TRAINING_COUNT = 512
-_TRAINING_SAMPLES = 4
-_TRAINING_CANDIDATES = 16_384
-_TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
-_LIT = 0.02
 
 
 class Baker:
@@ -48,6 +40,8 @@ class Baker:
         The light key.
     scale, encoding
         How codes become luminance, see :func:`luxel.textures.textures.decode`.
+    world
+        What kernels take.
     """
 
     def __init__(self, scene: Scene, spec: TextureSpec | None = None) -> None:
@@ -56,73 +50,41 @@ class Baker:
         self.key = light_key(scene, self.spec)
         self.scale = luminance_scale(scene)
         self.encoding = self.spec.encoding
-        self._world = make_world(scene, seed=self.spec.seed, max_bounces=self.spec.max_bounces)
-        self._filter: TextureFilter | None = None
-        self._filter_lock = threading.Lock()
+        self.world = make_world(scene, seed=self.spec.seed, max_bounces=self.spec.max_bounces)
+        self._fast = FastLight(
+            self.world, self.scale, self.spec.mapping, self.spec.texels, self.spec.samples, self.spec.seed
+        )
 
-    def luminance(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
-        """(K, T, T) float32 luminance of particles `ids`, before it is rounded to 8 bits."""
-        if self.spec.mode == "paper":
-            mean, _, exposed = self._sample(ids, self.spec.samples)
-            return np.asarray(mean * (exposed / np.float32(self.spec.samples)), dtype=np.float32)
-        learned = self._learned()
-        return learned.apply(*self._sample(ids, self.spec.samples))
+    def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Luminance of particles `ids` (K,), before it is rounded to 8 bits.
 
-    def bake_into(self, ids: NDArray[np.int32], codes: NDArray[np.uint8]) -> int:
-        """Write the codes of particles `ids` (K,) to `codes` (K, T, T); return how many texels clipped."""
-        luminance = self.luminance(ids)
+        Returns
+        -------
+        luminance, error
+            (K, T, T) float32; (K,) float32, the standard error expected of an exposed texel, root mean square over
+            the sphere.
+        """
+        spec = self.spec
+        if spec.mode == "fast":
+            return self._fast.luminance(ids)
+        found = draw_paths(self.world, spec.mapping, spec.texels, spec.samples, ids)
+        share = found.exposed / np.float32(spec.samples)
+        return np.asarray(found.mean * share, np.float32), standard_error(found, spec.mapping)
+
+    def bake_into(
+        self, ids: NDArray[np.int32], codes: NDArray[np.uint8], errors: NDArray[np.float32] | None = None
+    ) -> int:
+        """Write codes (K, T, T) and expected errors (K,) of particles `ids` (K,); return how many texels clipped."""
+        luminance, error = self.luminance(ids)
         codes[...] = encode(luminance, self.scale, self.encoding)
+        if errors is not None:
+            errors[...] = error
         return int(np.count_nonzero(luminance > self.scale))
 
     def prepare(self, threads: int | None = None) -> None:
-        """Learn the filter of ``fast`` mode now, on several threads; otherwise the first bake does it on one."""
+        """Do now, on several threads, what the first bake of ``fast`` mode would do on one: records, and the filter."""
         if self.spec.mode == "fast":
-            self._learned(thread_count(threads))
-
-    def _sample(
-        self, ids: NDArray[np.int32], samples: int
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]:
-        shape = (len(ids), self.spec.texels, self.spec.texels)
-        mean, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
-        exposed = np.empty(shape, np.uint32)
-        mapping, frames = self.spec.mapping, texel_frames(self.spec.mapping, self.spec.texels)
-        sample_texels(
-            self._world, mapping_code(mapping), ids, round(samples**0.5), frames, mean, variance, exposed
-        )
-        return mean, variance, exposed
-
-    def _learned(self, threads: int = 1) -> TextureFilter:
-        with self._filter_lock:
-            if self._filter is None:
-                self._filter = self._learn(threads)
-            return self._filter
-
-    def _learn(self, threads: int) -> TextureFilter:
-        """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
-        count = len(self.scene.particles)
-        order = (
-            np.random.default_rng(self.spec.seed).permutation(count)[:_TRAINING_CANDIDATES].astype(np.int32)
-        )
-        lit: list[NDArray[np.int32]] = []
-        found = 0
-        for start in range(0, len(order), _TRAINING_ROUND):
-            part = order[start : start + _TRAINING_ROUND]
-            mean = np.concatenate([m for m, _, _ in self._sample_all(part, 1, threads)])
-            lit.append(part[mean.mean(axis=(1, 2)) > _LIT * self.scale])
-            found += len(lit[-1])
-            if found >= _TRAINING_COUNT:
-                break
-        chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
-        parts = self._sample_all(chosen, max(_TRAINING_SAMPLES, self.spec.samples), threads)
-        mean, variance, exposed = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        return TextureFilter.learn(mean, variance, exposed, self.spec.mapping)
-
-    def _sample_all(
-        self, ids: NDArray[np.int32], samples: int, threads: int
-    ) -> list[tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]]:
-        parts = [ids[k : k + _BATCH_COUNT] for k in range(0, len(ids), _BATCH_COUNT)]
-        with ThreadPoolExecutor(threads) as pool:
-            return list(pool.map(lambda part: self._sample(part, samples), parts))
+            self._fast.prepare(thread_count(threads))
 
 
 def bake(
@@ -175,13 +137,14 @@ def bake_with(
     """Bake particles `ids` with a baker that is already there."""
     count, texels = len(ids), baker.spec.texels
     codes = np.zeros((count, texels, texels), np.uint8)
+    errors = np.zeros(count, np.float32)
     workers = thread_count(threads)
     baker.prepare(workers)
     parts = [slice(k, min(k + _BATCH_COUNT, count)) for k in range(0, count, _BATCH_COUNT)]
     done = clipped = 0
     pool = ThreadPoolExecutor(workers)
     try:
-        pending = {pool.submit(baker.bake_into, ids[part], codes[part]): part for part in parts}
+        pending = {pool.submit(baker.bake_into, ids[part], codes[part], errors[part]): part for part in parts}
         while pending:
             # A time-out keeps the main thread responsive to Ctrl-C.
             finished, _ = wait(
@@ -204,4 +167,5 @@ def bake_with(
         baker.key,
         clipped,
         baker.spec.mapping,
+        errors,
     )

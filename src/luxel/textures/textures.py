@@ -79,6 +79,9 @@ class LuminanceTextures:
         Texels whose luminance exceeded `scale`.
     mapping
         From texels to directions, see :class:`luxel.TextureSpec`.
+    errors
+        (M,) float32: expected standard error of a texel in linear luminance, root mean square over the exposed part
+        of the sphere, rounding to 8 bits not counted; None where it is not known.
     """
 
     ids: NDArray[np.int32]
@@ -89,6 +92,7 @@ class LuminanceTextures:
     key: str
     clipped_count: int = 0
     mapping: Mapping = "latlong"
+    errors: NDArray[np.float32] | None = None
 
     @property
     def luminance(self) -> NDArray[np.float32]:

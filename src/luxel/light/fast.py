@@ -1,0 +1,168 @@
+"""``fast`` mode: gather from records, filter in texture space, say how large the error is left."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from luxel.kernels.gather import gather_texels
+from luxel.kernels.path import INTERREFLECTION, World
+from luxel.kernels.rays import RayTable
+from luxel.kernels.records import Records
+from luxel.kernels.texels import sample_texels
+from luxel.light.denoise import Samples, TextureFilter
+from luxel.light.mapping import Mapping, mapping_code
+from luxel.light.ray_sets import make_ray_table, texel_frames
+from luxel.light.records import no_records, solve_records
+
+__all__ = ["FastLight", "draw_paths"]
+
+_BATCH_COUNT = 32
+# The filter learns from this many lit textures, sampled at least so well.
+_TRAINING_COUNT = 640
+_TRAINING_SAMPLES = 9
+_TRAINING_CANDIDATES = 16_384
+_TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
+_LIT = 0.02  # of the luminance scale
+# Particles whose records saw no light get one sample a texel; if these see less than this, they stay so.
+_DARK = 0.002
+# Independent drawings of one texture.
+_DRAWN, _FIRST, _SECOND = 0, 1, 2
+
+
+def draw_paths(world: World, mapping: Mapping, texels: int, samples: int, ids: NDArray[np.int32]) -> Samples:
+    """Path-traced samples of textures, to the letter of the paper."""
+    found = _empty(len(ids), texels)
+    frames = texel_frames(mapping, texels)
+    sample_texels(world, mapping_code(mapping), ids, round(samples**0.5), frames, *found)
+    return found
+
+
+class FastLight:
+    """Fast textures of one world. Safe to share between threads; what a texture becomes depends on its particle alone.
+
+    Parameters
+    ----------
+    world, scale
+        What to light, and the luminance of code 255.
+    mapping, texels, samples, seed
+        See :class:`luxel.TextureSpec`.
+    """
+
+    def __init__(
+        self, world: World, scale: float, mapping: Mapping, texels: int, samples: int, seed: int
+    ) -> None:
+        self._world, self._scale, self._seed = world, scale, seed
+        self._mapping, self._texels, self._samples = mapping, texels, samples
+        self._lock = threading.Lock()
+        self._tables: dict[tuple[int, int], RayTable] = {}
+        self._records: Records | None = None
+        self._filter: TextureFilter | None = None
+
+    def prepare(self, threads: int) -> None:
+        """Solve records and learn the filter, once."""
+        self._learned(threads)
+
+    def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return (K, T, T) luminance and (K,) the standard error expected of an exposed texel."""
+        learned, records = self._learned(1)
+        dark = self._dark(ids, records)
+        if not dark.any():
+            return learned.apply(self._draw(ids, self._samples, _DRAWN, records))
+        luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
+        error = np.empty(len(ids), np.float32)
+        glimpse = self._draw(ids[dark], 1, _DRAWN, records).mean
+        level = glimpse.mean(axis=(1, 2))
+        black = np.flatnonzero(dark)[level < _DARK * self._scale]
+        luminance[black], error[black] = glimpse[level < _DARK * self._scale], _DARK * self._scale
+        rest = np.setdiff1d(np.arange(len(ids)), black)
+        if len(rest):
+            luminance[rest], error[rest] = learned.apply(
+                self._draw(ids[rest], self._samples, _DRAWN, records)
+            )
+        return luminance, error
+
+    def _dark(self, ids: NDArray[np.int32], records: Records) -> NDArray[np.bool_]:
+        if len(records.rest) != len(self._world.radii):
+            return np.zeros(len(ids), np.bool_)
+        return ~(records.rest[ids].any(axis=1) | records.direct[ids].any(axis=1))
+
+    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int, records: Records) -> Samples:
+        world = self._world
+        if drawing:
+            seed = (int(world.seed) + drawing * 0x9E3779B97F4A7C15) % 2**64
+            world = world._replace(seed=np.uint64(seed))
+        if self._by_paths:
+            return draw_paths(world, self._mapping, self._texels, samples, ids)
+        found = _empty(len(ids), self._texels)
+        gather_texels(world, self._table(samples, drawing), records, ids, *found)
+        return found
+
+    @property
+    def _by_paths(self) -> bool:
+        """Whether bounces are limited: records know all bounces or none."""
+        world = self._world
+        return world.model == INTERREFLECTION and world.albedo > 0 and world.max_bounces < 2**31 - 1
+
+    def _table(self, samples: int, drawing: int) -> RayTable:
+        # Made again by two threads at once, a table comes out the same.
+        key = (samples, drawing)
+        if key not in self._tables:
+            shape = (self._texels, self._texels)
+            self._tables[key] = make_ray_table(
+                self._mapping, shape, samples, self._world.lights.suns, seed=self._seed + drawing
+            )
+        return self._tables[key]
+
+    def _learned(self, threads: int) -> tuple[TextureFilter, Records]:
+        with self._lock:
+            if self._filter is None or self._records is None:
+                world = self._world
+                bounces = world.model == INTERREFLECTION and world.albedo > 0
+                if bounces and not self._by_paths:
+                    self._records = solve_records(world, self._scale, threads)
+                else:
+                    self._records = no_records()
+                self._filter = self._learn(self._records, threads)
+            return self._filter, self._records
+
+    def _learn(self, records: Records, threads: int) -> TextureFilter:
+        """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
+        order = np.random.default_rng(self._seed).permutation(len(self._world.radii))
+        order = order[:_TRAINING_CANDIDATES].astype(np.int32)
+        lit: list[NDArray[np.int32]] = []
+        found = 0
+        for start in range(0, len(order), _TRAINING_ROUND):
+            part = order[start : start + _TRAINING_ROUND]
+            if not self._by_paths:
+                part = part[~self._dark(part, records)]
+            level = self._draw_all(part, 1, _DRAWN, records, threads).mean.mean(axis=(1, 2))
+            lit.append(part[level > _LIT * self._scale])
+            found += len(lit[-1])
+            if found >= _TRAINING_COUNT:
+                break
+        chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
+        well = max(_TRAINING_SAMPLES, min(self._samples, 4 * _TRAINING_SAMPLES))
+        first, second, drawn = (
+            self._draw_all(chosen, samples, drawing, records, threads)
+            for samples, drawing in ((well, _FIRST), (well, _SECOND), (self._samples, _DRAWN))
+        )
+        return TextureFilter.learn(first, second, drawn, self._mapping)
+
+    def _draw_all(
+        self, ids: NDArray[np.int32], samples: int, drawing: int, records: Records, threads: int
+    ) -> Samples:
+        parts = [ids[k : k + _BATCH_COUNT] for k in range(0, len(ids), _BATCH_COUNT)]
+        if not parts:
+            return _empty(0, self._texels)
+        with ThreadPoolExecutor(threads) as pool:
+            drawn = list(pool.map(lambda part: self._draw(part, samples, drawing, records), parts))
+        return Samples(*(np.concatenate(arrays) for arrays in zip(*drawn, strict=True)))
+
+
+def _empty(count: int, texels: int) -> Samples:
+    shape = (count, texels, texels)
+    return Samples(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint32))
