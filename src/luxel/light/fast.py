@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.gather import gather_texels
+from luxel.kernels.gather import add_bounces, average_texels, trace_texels
 from luxel.kernels.path import INTERREFLECTION, World
 from luxel.kernels.rays import RayTable
-from luxel.kernels.records import Records
 from luxel.kernels.texels import sample_texels
 from luxel.light.denoise import Samples, TextureFilter
 from luxel.light.mapping import Mapping, mapping_code
 from luxel.light.ray_sets import make_ray_table, texel_frames
-from luxel.light.records import no_records, solve_records
+from luxel.light.records import RecordBook
 
 __all__ = ["FastLight", "draw_paths"]
 
@@ -59,46 +61,55 @@ class FastLight:
         self._mapping, self._texels, self._samples = mapping, texels, samples
         self._lock = threading.Lock()
         self._tables: dict[tuple[int, int], RayTable] = {}
-        self._records: Records | None = None
+        self._book = RecordBook(world)
         self._filter: TextureFilter | None = None
 
     def prepare(self, threads: int) -> None:
-        """Solve records and learn the filter, once."""
+        """Learn the filter, once."""
         self._learned(threads)
 
     def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (K, T, T) luminance and (K,) the standard error expected of an exposed texel."""
-        learned, records = self._learned(1)
-        dark = self._dark(ids, records)
+        learned = self._learned(1)
+        dark = self._dark(ids) if self._samples > 1 else np.zeros(len(ids), np.bool_)
         if not dark.any():
-            return learned.apply(self._draw(ids, self._samples, _DRAWN, records))
+            return learned.apply(self._draw(ids, self._samples, _DRAWN))
         luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
         error = np.empty(len(ids), np.float32)
-        glimpse = self._draw(ids[dark], 1, _DRAWN, records).mean
-        level = glimpse.mean(axis=(1, 2))
-        black = np.flatnonzero(dark)[level < _DARK * self._scale]
-        luminance[black], error[black] = glimpse[level < _DARK * self._scale], _DARK * self._scale
-        rest = np.setdiff1d(np.arange(len(ids)), black)
+        glimpse = self._draw(ids[dark], 1, _DRAWN).mean
+        black = glimpse.mean(axis=(1, 2)) < _DARK * self._scale
+        still = np.flatnonzero(dark)[black]
+        luminance[still], error[still] = glimpse[black], _DARK * self._scale
+        rest = np.setdiff1d(np.arange(len(ids)), still)
         if len(rest):
-            luminance[rest], error[rest] = learned.apply(
-                self._draw(ids[rest], self._samples, _DRAWN, records)
-            )
+            luminance[rest], error[rest] = learned.apply(self._draw(ids[rest], self._samples, _DRAWN))
         return luminance, error
 
-    def _dark(self, ids: NDArray[np.int32], records: Records) -> NDArray[np.bool_]:
-        if len(records.rest) != len(self._world.radii):
-            return np.zeros(len(ids), np.bool_)
+    def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Return coarse records, see :meth:`luxel.light.records.RecordBook.first_light`."""
+        return self._book.first_light(ids)
+
+    def _dark(self, ids: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """Whose record saw no light."""
+        records = self._book.having(ids)
         return ~(records.rest[ids].any(axis=1) | records.direct[ids].any(axis=1))
 
-    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int, records: Records) -> Samples:
+    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int) -> Samples:
         world = self._world
         if drawing:
             seed = (int(world.seed) + drawing * 0x9E3779B97F4A7C15) % 2**64
             world = world._replace(seed=np.uint64(seed))
         if self._by_paths:
             return draw_paths(world, self._mapping, self._texels, samples, ids)
+        table = self._table(samples, drawing)
+        shape = (len(ids), len(table.texel))
+        values, hits = np.empty(shape, np.float32), np.empty(shape, np.int32)
+        distance = np.empty(shape, np.float32)
+        trace_texels(world, table, ids, values, hits, distance)
+        if world.model == INTERREFLECTION and world.albedo > 0:
+            add_bounces(world, table, self._book.having(hits), ids, values, hits, distance)
         found = _empty(len(ids), self._texels)
-        gather_texels(world, self._table(samples, drawing), records, ids, *found)
+        average_texels(table, values, *found)
         return found
 
     @property
@@ -117,19 +128,13 @@ class FastLight:
             )
         return self._tables[key]
 
-    def _learned(self, threads: int) -> tuple[TextureFilter, Records]:
+    def _learned(self, threads: int) -> TextureFilter:
         with self._lock:
-            if self._filter is None or self._records is None:
-                world = self._world
-                bounces = world.model == INTERREFLECTION and world.albedo > 0
-                if bounces and not self._by_paths:
-                    self._records = solve_records(world, self._scale, threads)
-                else:
-                    self._records = no_records()
-                self._filter = self._learn(self._records, threads)
-            return self._filter, self._records
+            if self._filter is None:
+                self._filter = self._learn(threads)
+            return self._filter
 
-    def _learn(self, records: Records, threads: int) -> TextureFilter:
+    def _learn(self, threads: int) -> TextureFilter:
         """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
         order = np.random.default_rng(self._seed).permutation(len(self._world.radii))
         order = order[:_TRAINING_CANDIDATES].astype(np.int32)
@@ -137,30 +142,29 @@ class FastLight:
         found = 0
         for start in range(0, len(order), _TRAINING_ROUND):
             part = order[start : start + _TRAINING_ROUND]
-            if not self._by_paths:
-                part = part[~self._dark(part, records)]
-            level = self._draw_all(part, 1, _DRAWN, records, threads).mean.mean(axis=(1, 2))
-            lit.append(part[level > _LIT * self._scale])
+            level = in_batches(self._level, part, threads)
+            lit.append(part[np.concatenate(level) > _LIT * self._scale])
             found += len(lit[-1])
             if found >= _TRAINING_COUNT:
                 break
         chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
         well = max(_TRAINING_SAMPLES, min(self._samples, 4 * _TRAINING_SAMPLES))
-        first, second, drawn = (
-            self._draw_all(chosen, samples, drawing, records, threads)
-            for samples, drawing in ((well, _FIRST), (well, _SECOND), (self._samples, _DRAWN))
-        )
-        return TextureFilter.learn(first, second, drawn, self._mapping)
+        drawings = []
+        for samples, drawing in ((well, _FIRST), (well, _SECOND), (self._samples, _DRAWN)):
+            parts = in_batches(partial(self._draw, samples=samples, drawing=drawing), chosen, threads)
+            drawings.append(Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))))
+        return TextureFilter.learn(*drawings, self._mapping)
 
-    def _draw_all(
-        self, ids: NDArray[np.int32], samples: int, drawing: int, records: Records, threads: int
-    ) -> Samples:
-        parts = [ids[k : k + _BATCH_COUNT] for k in range(0, len(ids), _BATCH_COUNT)]
-        if not parts:
-            return _empty(0, self._texels)
-        with ThreadPoolExecutor(threads) as pool:
-            drawn = list(pool.map(lambda part: self._draw(part, samples, drawing, records), parts))
-        return Samples(*(np.concatenate(arrays) for arrays in zip(*drawn, strict=True)))
+    def _level(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Mean luminance by the records alone."""
+        return self._book.first_light(ids)[:, 0]
+
+
+def in_batches(work: Callable[[NDArray[np.int32]], Any], ids: NDArray[np.int32], threads: int) -> list[Any]:
+    """Return the results of `work` for consecutive batches of ids."""
+    parts = [ids[k : k + _BATCH_COUNT] for k in range(0, len(ids), _BATCH_COUNT)]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, parts))
 
 
 def _empty(count: int, texels: int) -> Samples:
