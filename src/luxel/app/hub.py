@@ -14,7 +14,7 @@ import numpy as np
 
 from luxel.app import protocol, state
 from luxel.app.feed import Feed
-from luxel.dynamic.engine import TileBatch
+from luxel.dynamic.work import TileBatch
 from luxel.errors import InputError, LuxelError, ProtocolError
 from luxel.particles import Particles
 from luxel.session import Session

@@ -1,4 +1,4 @@
-"""Shading of primary hits: texture lookup, closed-form Lambert, or path tracing of every pixel."""
+"""Shading of primary hits: texture lookup, coarse record, closed-form Lambert, or path tracing of every pixel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from luxel.kernels.warp import latlong_uv
 
 __all__ = ["bilinear", "develop", "shade_pixels", "shade_textures"]
 
-_HALF, _ONE = np.float32(0.5), np.float32(1)
+_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
 @kernel(inline=True)
@@ -67,11 +67,24 @@ def _add(total, colors, sphere, luminance):
 
 @kernel
 def shade_textures(
-    world, eye, shift_x, shift_y, first_row, last_row, distance, ids, slot, codes, decoding, colors, total
+    world,
+    eye,
+    shift_x,
+    shift_y,
+    first_row,
+    last_row,
+    distance,
+    ids,
+    slot,
+    codes,
+    decoding,
+    coarse,
+    colors,
+    total,
 ):
     """Add rows [first_row, last_row) to `total` (H, W, 5): luminance times colour, luminance, coverage.
 
-    Particles without a texture (slot -1) are shaded by closed-form Lambert.
+    Particles without a texture (slot -1) are shaded by their coarse record, or else by closed-form Lambert.
     """
     height, width = ids.shape
     for y in range(first_row, last_row):
@@ -86,6 +99,9 @@ def shade_textures(
             s = slot[sphere]
             if s >= 0:
                 luminance = bilinear(codes, decoding, s, nx, ny, nz)
+            elif sphere < coarse.shape[0] and coarse[sphere, 0] >= 0:
+                c = coarse[sphere]
+                luminance = max(_ZERO, c[0] + c[1] * nx + c[2] * ny + c[3] * nz)
             else:
                 r = world.radii[sphere]
                 luminance = lambert(

@@ -58,8 +58,8 @@ def render(
     scene, view
         What to draw and how; the default view frames the data.
     textures
-        A bake or another source of textures; particles that it has none for are Lambert. None bakes the textures of
-        the visible particles first.
+        A bake or another source of textures; particles that it has none for show their coarse record, or are
+        Lambert. None bakes the textures of the visible particles first.
     size
         Width and height in pixels.
     light
@@ -201,6 +201,7 @@ def draw_textures(
                 table.slot,
                 table.codes,
                 table.decoding,
+                table.coarse,
                 colors,
                 total,
             )

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from luxel.arrays import as_ids
 from luxel.kernels.texels import sample_texels
 from luxel.light.denoise import TextureFilter
+from luxel.light.first_light import first_light
 from luxel.light.lights import luminance_scale
 from luxel.light.ray_sets import texel_frames
 from luxel.light.world import make_world
@@ -72,6 +73,10 @@ class Baker:
         luminance = self.luminance(ids)
         codes[...] = encode(luminance, self.scale, self.encoding)
         return int(np.count_nonzero(luminance > self.scale))
+
+    def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
+        """(K, 4) float32 coarse records of particles `ids` (K,), see :mod:`luxel.light.first_light`; needs no filter."""
+        return first_light(self._world, ids)
 
     def prepare(self, threads: int | None = None) -> None:
         """Learn the filter of ``fast`` mode now, on several threads; otherwise the first bake does it on one."""
