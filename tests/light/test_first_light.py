@@ -34,7 +34,7 @@ def test_half_buried_particles_are_fitted_to_what_is_exposed():
     particles = luxel.Particles([[0, 0, 0], [0, 0, -500]], [1.0, 500.0])
     scene = luxel.Scene(particles, lights=[luxel.Sky(1.0)], model="shadows")
     records = np.mean([first_light(make_world(scene, seed=s), ids_of(0))[0] for s in range(60)], axis=0)
-    np.testing.assert_allclose(records, [0.5, 0, 0, 0.5], atol=0.08)
+    np.testing.assert_allclose(records, [0.5, 0, 0, 0.5], atol=0.12)
 
 
 def test_entirely_buried_particles_are_black():

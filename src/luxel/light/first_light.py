@@ -18,7 +18,7 @@ __all__ = ["first_light"]
 _TEXELS = 8
 # Slopes of a particle of which little is exposed are badly known: they are drawn towards 0 as if by this much more of
 # the sphere, seen without any.
-_SLOPE_WEIGHT = 0.02
+_SLOPE_WEIGHT = 0.01
 
 
 def first_light(world: World, ids: NDArray[np.int32]) -> NDArray[np.float32]:

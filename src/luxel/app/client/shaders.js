@@ -122,7 +122,9 @@ uniform isampler2D uSlots;      // slot + generation << 24, or -1
 uniform usampler2DArray uAtlas; // tiles one after the other, 2048 bytes a row
 uniform sampler2D uDecoding;    // a row of 256 luminances for each generation
 uniform int uTexels;
-uniform bool uUseTiles, uUniform;
+uniform sampler2D uCoarse;      // first light; red < 0 where there is none
+uniform float uCoarseScale;
+uniform bool uUseTiles, uUseCoarse, uUniform;
 uniform vec3 uColor, uNoData;   // linear light
 uniform vec3 uEye;
 uniform vec2 uSky;              // level, ground
@@ -204,7 +206,12 @@ void main() {
     int tile = uUseTiles ? texelFetch(uSlots, place(id, textureSize(uSlots, 0).x), 0).r : -1;
     float luminance = 0.0;
     for (bool lit = tile >= 0; lit; lit = false) luminance = textured(tile, n);
-    for (bool bare = tile < 0; bare; bare = false) {
+    vec4 coarse = vec4(-1);
+    for (bool dim = tile < 0 && uUseCoarse; dim; dim = false) {
+      coarse = texelFetch(uCoarse, place(id, textureSize(uCoarse, 0).x), 0);
+      luminance = uCoarseScale * max(0.0, coarse.x + dot(coarse.yzw, n));
+    }
+    for (bool bare = tile < 0 && coarse.x < 0.0; bare; bare = false) {
       luminance = lambert(texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0).xyz + s.w * n, n);
     }
     sum = vec4(luminance * colorOf(id), luminance);
