@@ -184,6 +184,7 @@ def draw_textures(
     """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.shade``."""
     height, width = total.shape[:2]
     distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+    spacing = np.float32(1 / math.sqrt(len(shifts)))
 
     def band(row: int) -> None:
         last = min(row + _BAND, height)
@@ -194,6 +195,7 @@ def draw_textures(
                 world,
                 eye,
                 *shift,
+                spacing,
                 row,
                 last,
                 distance,

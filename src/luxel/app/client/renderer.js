@@ -253,6 +253,8 @@ export class Renderer {
       .int("uTexels", this.look.texels).int("uUseTiles", this.look.useTiles ? 1 : 0)
       .int("uUseCoarse", this.useCoarse && this.look.useTiles ? 1 : 0)
       .int("uUniform", this.look.uniform ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
+    // Samples after the first fall between: together they need no filter, which would only blur them.
+    shade.float("uSpacing", first ? 1 : 0);
     this.setLights(shade);
     if (!first) {
       gl.enable(gl.BLEND);
