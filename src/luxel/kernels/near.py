@@ -144,7 +144,11 @@ def collect(tree, work, near, cx, cy, cz, r, skip):
                 m &= m - 1
         else:
             o = ~node * LEAF
-            ex, ey, ez = load(spheres, o) - vx, load(spheres, o + LANES) - vy, load(spheres, o + 2 * LANES) - vz
+            ex, ey, ez = (
+                load(spheres, o) - vx,
+                load(spheres, o + LANES) - vy,
+                load(spheres, o + 2 * LANES) - vz,
+            )
             radius = vsqrt(vmax(load(spheres, o + 3 * LANES), zero))
             surface = vsqrt(fma(ex, ex, fma(ey, ey, ez * ez))) - radius
             m = bits((surface < splat(limit)) & (load(ids, o + IDS) != splat_int(skip)))

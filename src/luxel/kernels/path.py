@@ -94,7 +94,9 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
     dx, dy, dz = cosine_direction(nx, ny, nz, u, v)
     t, hit = trace(tree, work, px, py, pz, dx, dy, dz, np.float32(1e30), sphere, False)
     if hit >= 0 and t <= 0:
-        return -_ONE  # the ray started inside a neighbour: this one trace has answered whether the point is buried
+        return (
+            -_ONE
+        )  # the ray started inside a neighbour: this one trace has answered whether the point is buried
     total, state = direct_light(tree, work, lights, True, px, py, pz, nx, ny, nz, sphere, state)
     if hit < 0:
         return total + escape_radiance(lights, px, py, pz, dx, dy, dz)

@@ -30,7 +30,9 @@ __all__ = [
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _ALL = (1 << LANES) - 1
 _NONE = np.int32(-1)
-_TOUCHING = np.float32(1e-6)  # a hit beyond the near ball is no start inside a neighbour, whatever rounding says
+_TOUCHING = np.float32(
+    1e-6
+)  # a hit beyond the near ball is no start inside a neighbour, whatever rounding says
 
 
 class Site(NamedTuple):

@@ -16,7 +16,7 @@ __all__ = ["bilinear", "develop", "shade_pixels", "shade_textures"]
 
 _ZERO, _QUARTER, _HALF, _ONE = np.float32(0), np.float32(0.25), np.float32(0.5), np.float32(1)
 # Rays closer than so many radii read textures at one point; the filter opens up over as much again.
-_FINE = np.float32(0.3)
+_FINE = np.float32(0.2)
 # Cosine² between normal and ray that the filter keeps to: beyond, a pixel shows more of what lies behind.
 _LIMB = np.float32(0.19)
 

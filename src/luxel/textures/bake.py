@@ -89,7 +89,9 @@ class Baker:
         shape = (len(ids), self.spec.texels, self.spec.texels)
         mean, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
         exposed = np.empty(shape, np.uint32)
-        sample_texels(self._world, ids, round(samples**0.5), texel_frames(self.spec.texels), mean, variance, exposed)
+        sample_texels(
+            self._world, ids, round(samples**0.5), texel_frames(self.spec.texels), mean, variance, exposed
+        )
         return mean, variance, exposed
 
     def _learned(self, threads: int = 1) -> TextureFilter:

@@ -163,7 +163,7 @@ float textured(int tile, vec3 n) {
 // Mean over what a ray stands for, four points around its hit; the same as luxel.kernels.shade._filtered.
 float filtered(int tile, float radius, vec3 n, float depth, vec3 ray) {
   float gap = uSpacing * 2.0 * uHalf.x / uSize.x * (uOrthographic ? 1.0 : depth) / radius;
-  float reach = 0.25 * gap * clamp(gap / 0.3 - 1.0, 0.0, 1.0), sum = 0.0, count = 0.0;
+  float reach = 0.25 * gap * clamp(gap / 0.2 - 1.0, 0.0, 1.0), sum = 0.0, count = 0.0;
   vec3 d = normalize(ray);
   vec3 a = vec3(1, 0, 0) - d.x * d, b = cross(a, d), q = n - dot(n, d) * d;
   for (int k = 0; reach > 0.0 && k < 4; k++) {
