@@ -32,6 +32,8 @@ _HOMES = {
     "bake": "luxel.textures.bake",
     "open": "luxel.io",
     "render": "luxel.picture.raytrace",
+    "texel_directions": "luxel.light.mapping",
+    "texel_solid_angles": "luxel.light.mapping",
     "view": "luxel.app.viewer",
 }
 

@@ -142,7 +142,7 @@ class Session:
         self._thread_count = 0 if threads == 0 else thread_count(threads)
         self._make_baker = Baker if make_baker is None else make_baker
         self._lock = threading.RLock()
-        self._cache = TextureCache(self.spec.texels, max_bytes)
+        self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping)
         self._engine = Engine(self._cache, threads=self._thread_count, clock=clock)
         self._closed = False
         self.series: Sequence[Particles]
@@ -375,7 +375,8 @@ class SessionTextures:
             return table
         nothing = np.empty((0, session.spec.texels, session.spec.texels), dtype=np.uint8)
         slot = np.full(len(session.particles), -1, dtype=np.int32)
-        return TextureTable(slot, nothing, decoding_table(session.scale, session.encoding))
+        decoding = decoding_table(session.scale, session.encoding)
+        return TextureTable(slot, nothing, decoding, session.spec.mapping)
 
     def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
         """Note which particles were seen, (K,) int32, and from where, (3,) file units."""

@@ -234,3 +234,19 @@ def test_page_reconnects_and_draws_nothing_when_idle(page: Page) -> None:
 
 def test_page_reports_no_errors(page: Page) -> None:
     assert [text for text in page.messages if "performance warning" not in text] == []
+
+
+def test_octahedral_textures_agree() -> None:
+    # Few large spheres, so that every part of the map shows, its edges and corners included.
+    positions = np.random.default_rng(4).uniform(-1, 1, (60, 3))
+    scene = luxel.Scene(luxel.Particles(positions, 0.25), model="shadows")
+    spec = TextureSpec(mode="paper", samples=1, texels=8, mapping="octahedral")
+    camera = luxel.Camera((0.3, -0.4, -6.0), (0, 0, 0), up=(0, 1, 0))  # from below: -Z is in the corners
+    look = luxel.View(camera=camera)
+    with (
+        Session(scene, spec=spec, view=look, threads=2) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as opened,
+        Page(opened.url, WINDOW) as page,
+    ):
+        settle(page)
+        agree(page, opened, look, "octahedral")

@@ -2,6 +2,7 @@ import json
 import os
 import subprocess
 import sys
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import luxel
 from luxel import Camera, Scene, Sky, Sun, View
 from luxel.app import cli, options
 from luxel.errors import LuxelError
+from luxel.light.mapping import Mapping
 from luxel.picture.image import Image
 from luxel.scene.lights import default_lights, sun_direction
 from luxel.scene.scene import MODELS
@@ -119,7 +121,7 @@ def test_first_frame_with_particles_is_chosen_with_a_note(tmp_path, capsys):
 def test_render_passes_everything_on(file, tmp_path, rendered, capsys):
     out = tmp_path / "a.png"
     given = "--size 64x48 --model shadows --color-by velocity.x --colormap magma --range -1e-1 2.5 --samples 25 --albedo 0.3"
-    given += " --sun -30,40,1.5,10 --sky 0.5 --background white --exposure 2 --no-colorbar --threads 1 --seed 7 --mode paper"
+    given += " --sun -30,40,1.5,10 --sky 0.5 --background white --exposure 2 --no-colorbar --threads 1 --seed 7 --mode paper --mapping octahedral"
     given += " --antialias 2 --light texture --up y"
     assert run("render", file, "-o", out, *given.split()) == 0
     (call,) = rendered
@@ -140,6 +142,7 @@ def test_render_passes_everything_on(file, tmp_path, rendered, capsys):
         "size": (64, 48),
         "samples": 25,
         "mode": "paper",
+        "mapping": "octahedral",
         "seed": 7,
         "threads": 1,
         "antialias": 2,
@@ -321,11 +324,11 @@ def test_progress_goes_to_stderr_and_only_for_long_work(capsys):
 
 
 def test_view_serves_a_session(file, served, capsys):
-    given = "--model ao --samples 4 --color-by stress --port 8123 --no-browser --threads 1 --sky 2 --ao-distance 0.5"
+    given = "--model ao --samples 4 --color-by stress --port 8123 --no-browser --threads 1 --sky 2 --ao-distance 0.5 --mapping octahedral"
     assert run("view", file, *given.split()) == 0
     (call,) = served
     assert (call["scene"].model, call["scene"].ao_distance, call["scene"].lights[0].level) == ("ao", 0.5, 2)
-    assert (call["spec"].samples, call["spec"].mode) == (4, "fast")
+    assert (call["spec"].samples, call["spec"].mode, call["spec"].mapping) == (4, "fast", "octahedral")
     assert call["view"].color_by == "stress"
     assert (call["host"], call["port"], call["open_browser"], call["block"]) == (
         "127.0.0.1",
@@ -399,6 +402,7 @@ def test_real_render_end_to_end(file, tmp_path, capsys):
 def test_options_name_what_the_library_has():
     assert options.MODELS == MODELS
     assert set(options.MODES) == {"paper", "fast"}
+    assert get_args(Mapping) == options.MAPPINGS
 
 
 def command(*arguments, **more):

@@ -5,7 +5,7 @@ import pytest
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.rng import next_state, path_key, uniform
-from luxel.kernels.warp import cone_direction, cosine_direction, latlong_direction, latlong_uv, to_frame, turn
+from luxel.kernels.warp import cone_direction, cosine_direction, to_frame, turn
 
 
 def test_turn_is_cosine_and_sine():
@@ -13,15 +13,6 @@ def test_turn_is_cosine_and_sine():
     found = np.array([turn(x) for x in v])
     exact = 2 * np.pi * v.astype(np.float64)
     assert np.abs(found - np.stack([np.cos(exact), np.sin(exact)], 1)).max() < 1e-6
-
-
-def test_latlong_and_its_inverse():
-    rng = np.random.default_rng(0)
-    for u, v in rng.uniform(0.001, 0.999, (500, 2)).astype(np.float32):
-        assert latlong_uv(*latlong_direction(u, v)) == pytest.approx((u, v), abs=2e-5)
-    assert latlong_direction(np.float32(0), np.float32(0.5)) == pytest.approx((1, 0, 0), abs=1e-6)
-    assert latlong_direction(np.float32(0.25), np.float32(0.5)) == pytest.approx((0, 1, 0), abs=1e-6)
-    assert latlong_direction(np.float32(0.3), np.float32(0)) == pytest.approx((0, 0, 1), abs=1e-6)
 
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.6, -0.64, -0.48)])

@@ -79,7 +79,7 @@ def test_a_picture_of_coarse_records_is_close_to_one_of_textures():
 
         def snapshot(self, key: str) -> TextureTable:
             codes = np.zeros((1, 16, 16), np.uint8)
-            return TextureTable(none, codes, decoding_table(baker.scale, "sqrt"), self.records)
+            return TextureTable(none, codes, decoding_table(baker.scale, "sqrt"), coarse=self.records)
 
         def sighted(self, ids: np.ndarray, eye: np.ndarray) -> None:
             """Nothing more comes."""

@@ -22,9 +22,10 @@ def texel_normals(texels=16, fine=8):
 
 @pytest.mark.parametrize("model", ["shadows", "ao", "interreflection", "lambertian"])
 @pytest.mark.parametrize("mode", ["paper", "fast"])
-def test_lone_sphere_under_a_unit_sky_is_1_everywhere(model, mode):
+@pytest.mark.parametrize("mapping", ["latlong", "octahedral"])
+def test_lone_sphere_under_a_unit_sky_is_1_everywhere(model, mode, mapping):
     scene = luxel.Scene(luxel.Particles([[7.0, 8, 9]], 3.0), SKY, model=model)
-    textures = luxel.bake(scene, samples=4, mode=mode)
+    textures = luxel.bake(scene, samples=4, mode=mode, mapping=mapping)
     assert np.array_equal(textures.luminance, np.ones((1, 16, 16), np.float32))
     assert textures.clipped_count == 0
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import luxel
+from luxel.kernels.mapping import LATLONG, OCTAHEDRAL
 from luxel.kernels.shade import shade_textures
 from luxel.light.world import make_world
 from luxel.picture.raytrace import make_eye, trace_primary
@@ -18,7 +19,9 @@ from tests.scenes import lattice
 SIDE = 120
 
 
-def luminance(edge: int, rays: int, spacing: float, *, orthographic: bool = False) -> np.ndarray:
+def luminance(
+    edge: int, rays: int, spacing: float, *, orthographic: bool = False, mapping: int = LATLONG
+) -> np.ndarray:
     """(H, W) mean luminance of a lattice of edge³ particles with noise for textures, rays × rays to a pixel."""
     particles = lattice(edge)
     middle = (edge - 1) / 2
@@ -39,16 +42,20 @@ def luminance(edge: int, rays: int, spacing: float, *, orthographic: bool = Fals
         shift = (np.float32((k % rays + 0.5) / rays), np.float32((k // rays + 0.5) / rays))
         distance, ids = trace_primary(world, eye, SIDE, SIDE, shift, 1)
         shade_textures(
-            world, eye, *shift, np.float32(spacing), 0, SIDE, distance, ids, slot, codes,
+            world, eye, *shift, np.float32(spacing), 0, SIDE, distance, ids, mapping, slot, codes,
             decoding_table(1.0, "linear"), NO_COARSE, colors, total,
         )  # fmt: skip
     return total[:, :, 3] / np.maximum(total[:, :, 4], 1)
 
 
-@pytest.mark.parametrize("orthographic", [False, True])
-def test_small_particles_come_closer_to_their_mean_over_a_pixel(orthographic):
-    truth = luminance(40, 8, 0, orthographic=orthographic)  # particles 3 pixels wide
-    bare, filtered = (luminance(40, 1, spacing, orthographic=orthographic) for spacing in (0.0, 1.0))
+@pytest.mark.parametrize(
+    "options",
+    [{"mapping": LATLONG}, {"mapping": OCTAHEDRAL}, {"orthographic": True}],
+    ids=["latlong", "octahedral", "orthographic"],
+)
+def test_small_particles_come_closer_to_their_mean_over_a_pixel(options):
+    truth = luminance(40, 8, 0, **options)  # particles 3 pixels wide
+    bare, filtered = (luminance(40, 1, spacing, **options) for spacing in (0.0, 1.0))
     assert np.square(filtered - truth).mean() < 0.6 * np.square(bare - truth).mean()
     assert abs((filtered - bare).mean()) < 0.01
 

@@ -99,6 +99,7 @@ def test_fast_mode_fills_buried_texels_instead_of_bleeding_black():
 
 
 def test_bilinear_lookup_wraps_and_crosses_the_poles():
+    from luxel.kernels.mapping import LATLONG
     from luxel.kernels.shade import bilinear
 
     rng = np.random.default_rng(3)
@@ -108,7 +109,7 @@ def test_bilinear_lookup_wraps_and_crosses_the_poles():
     def at(u, v):
         s = np.sin(np.pi * v)
         n = np.float32([s * np.cos(2 * np.pi * u), s * np.sin(2 * np.pi * u), np.cos(np.pi * v)])
-        return float(bilinear(codes, decoding, 0, *n))
+        return float(bilinear(LATLONG, codes, decoding, 0, *n))
 
     t = decoding[codes[0]]
     assert at(2.5 / 16, 3.5 / 16) == pytest.approx(t[3, 2], abs=1e-4)
@@ -120,6 +121,14 @@ def test_bilinear_lookup_wraps_and_crosses_the_poles():
     # It is continuous everywhere: close points have close values.
     for u, v in rng.random((200, 2)):
         assert abs(at(u, v) - at((u + 1e-4) % 1, v)) < 0.02
+
+
+def test_the_mean_over_a_sphere_does_not_depend_on_the_mapping(scene):
+    means = []
+    for mapping in ("latlong", "octahedral"):
+        luminance = luxel.bake(scene, [3, 30, 60], samples=100, mapping=mapping).luminance
+        means.append(np.einsum("kij,ij->k", luminance, luxel.texel_solid_angles(mapping, 16)) / (4 * np.pi))
+    assert np.abs(means[0] - means[1]).max() < 0.02
 
 
 def test_touching_lattice_has_nothing_buried():

@@ -16,7 +16,15 @@ def test_sample_counts_that_are_no_square_name_the_nearest_two():
 
 @pytest.mark.parametrize(
     "bad",
-    [{"texels": 15}, {"texels": 2}, {"samples": 0}, {"mode": "quick"}, {"seed": -1}, {"max_bounces": -1}],
+    [
+        {"texels": 15},
+        {"texels": 2},
+        {"samples": 0},
+        {"mode": "quick"},
+        {"seed": -1},
+        {"max_bounces": -1},
+        {"mapping": "cube"},
+    ],
 )
 def test_bad_specs(bad):
     with pytest.raises(InputError):
@@ -39,5 +47,6 @@ def test_key_changes_with_light_and_never_with_colours():
         light_key(scene, TextureSpec(seed=1)),
         light_key(scene, TextureSpec(samples=25)),
         light_key(scene, TextureSpec(mode="fast")),
+        light_key(scene, TextureSpec(mapping="octahedral")),
     ]
     assert len({key, *different}) == len(different) + 1

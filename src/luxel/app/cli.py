@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from luxel.io import Series
     from luxel.particles import Particles
     from luxel.scene.view import View
+    from luxel.textures.spec import TextureSpec
 
 __all__ = ["main"]
 
@@ -215,13 +216,10 @@ def _open(options: argparse.Namespace) -> tuple[Series, int]:
 def _draw(options: argparse.Namespace, particles: Particles, view: View, origin: dict[str, Any]) -> None:
     from luxel.picture.raytrace import render
     from luxel.scene.scene import Scene
-    from luxel.textures.spec import TextureSpec
 
     started = time.perf_counter()
     if options.light == "texture":  # refuses bad values before the work
-        TextureSpec(
-            samples=4 if options.samples is None else options.samples, mode=options.mode, seed=options.seed
-        )
+        _spec(options)
     scene = _scene(Scene, options, particles, view)
     view = aim(options, view, particles, options.size)
     if view.color_by is not None:
@@ -235,6 +233,7 @@ def _draw(options: argparse.Namespace, particles: Particles, view: View, origin:
             light=options.light,
             samples=options.samples,
             mode=options.mode,
+            mapping=options.mapping,
             antialias=options.antialias,
             threads=options.threads,
             seed=options.seed,
@@ -275,10 +274,8 @@ def _serve(
 ) -> None:
     from luxel.app.viewer import view as serve
     from luxel.session import Session
-    from luxel.textures.spec import TextureSpec
 
-    samples = 4 if options.samples is None else options.samples
-    spec = TextureSpec(samples=samples, mode=options.mode, seed=options.seed)
+    spec = _spec(options)
     view = aim(options, view, particles, (16, 9))
     if view.color_by is not None:
         view.scalar_range(particles)
@@ -313,6 +310,13 @@ def _scene(kind: Any, options: argparse.Namespace, particles: Particles, view: V
         albedo=options.albedo,
         ao_distance=options.ao_distance,
     )
+
+
+def _spec(options: argparse.Namespace) -> TextureSpec:
+    from luxel.textures.spec import TextureSpec
+
+    samples = 4 if options.samples is None else options.samples
+    return TextureSpec(samples=samples, mode=options.mode, seed=options.seed, mapping=options.mapping)
 
 
 def _say(text: str) -> None:

@@ -31,6 +31,7 @@ __all__ = [
 MODELS = ("lambertian", "shadows", "ao", "interreflection")
 LIGHTS = ("texture", "pixel")
 MODES = ("fast", "paper")
+MAPPINGS = ("latlong", "octahedral")
 _LARGEST_SIZE = 16_384
 _NUMBER = re.compile(r"-\.?\d")
 
@@ -100,6 +101,12 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
         choices=MODES,
         default="fast",
         help="fast filters the textures; paper follows the paper to the letter (default: fast)",
+    )
+    light.add_argument(
+        "--mapping",
+        choices=MAPPINGS,
+        default="latlong",
+        help="from texels to directions: latitude-longitude as in the paper, or equal-area octahedral (default: latlong)",
     )
     light.add_argument(
         "--albedo",

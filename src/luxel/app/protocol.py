@@ -177,6 +177,8 @@ class SceneState(Message):
         file units = center + unit · normalised units.
     bounds
         (2, 3) in normalised units.
+    texels, mapping
+        Rows and columns of a tile, and how they map to directions, see :class:`luxel.TextureSpec`.
     scalars
         For each scalar ``{"name": ..., "labels": [...] or None}``.
     view
@@ -191,6 +193,7 @@ class SceneState(Message):
     unit: float
     bounds: tuple[tuple[float, ...], ...]
     texels: int
+    mapping: str
     frame: int
     frame_count: int
     time: float | None

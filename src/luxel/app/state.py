@@ -46,6 +46,7 @@ def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.Scen
         unit=float(spheres.unit),
         bounds=tuple(tuple(float(x) for x in corner) for corner in spheres.bounds()),
         texels=session.spec.texels,
+        mapping=session.spec.mapping,
         frame=session.frame,
         frame_count=max(1, len(session.series)) if isinstance(session.series, Sequence) else 1,
         time=particles.time if particles.time is not None and math.isfinite(particles.time) else None,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from luxel.dynamic.pool import Reader, TilePool
 from luxel.errors import InputError
+from luxel.light.mapping import Mapping
 from luxel.textures.textures import NO_COARSE, Encoding, TextureTable, decoding_table
 
 __all__ = ["BAKING", "FAILED", "MISSING", "QUEUED", "READY", "CacheStats", "Counts", "TextureCache"]
@@ -99,13 +100,16 @@ class TextureCache:
         Rows and columns of every tile.
     max_bytes
         Budget for texels and coarse records; at least one tile is kept.
+    mapping
+        From texels to directions, for renderers.
     """
 
-    def __init__(self, texels: int = 16, max_bytes: int = 256 << 20) -> None:
+    def __init__(self, texels: int = 16, max_bytes: int = 256 << 20, mapping: Mapping = "latlong") -> None:
         if texels < 1 or max_bytes < 1:
             raise InputError(f"a cache needs texels >= 1 and max_bytes >= 1, got {texels} and {max_bytes}")
         self.texels = texels
         self.max_bytes = max_bytes
+        self.mapping: Mapping = mapping
         self._lock = threading.Lock()
         self._pool = TilePool(texels, self._tile_count(max_bytes))
         self._lights: dict[str, _Light] = {}  # in the order of their latest begin()
@@ -305,7 +309,8 @@ class TextureCache:
                 return None
             if light.table is None:
                 # Not flagged read-only: Numba would compile every kernel a second time for such arrays.
-                light.table = TextureTable(light.slot.copy(), self._pool.codes, light.decoding, light.coarse)
+                slot, codes = light.slot.copy(), self._pool.codes
+                light.table = TextureTable(slot, codes, light.decoding, self.mapping, light.coarse)
                 light.readers = [*_living(light), weakref.ref(light.table.slot)]
             return light.table
 

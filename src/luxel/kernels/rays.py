@@ -10,19 +10,23 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.light import escape_radiance, hidden_by_light, sun_luminance
+from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
 from luxel.kernels.near import RAY, nearest, unblocked
+from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import FAR, LANES, trailing_zeros
 from luxel.kernels.tree_trace import trace
 
 __all__ = [
+    "RayTable",
     "Site",
+    "add_direct",
     "add_sunlight",
     "escaping",
     "first_hits",
     "put_ray",
     "ray_start",
     "ray_word",
+    "set_of",
     "sky_along",
     "within_reach",
 ]
@@ -35,6 +39,16 @@ _TOUCHING = np.float32(
 )  # a hit beyond the near ball is no start inside a neighbour, whatever rounding says
 
 
+class RayTable(NamedTuple):
+    """Ray sets that particles share, in blocks of sixteen rays; see ``light.ray_sets``."""
+
+    rays: np.ndarray  # (sets, blocks * RAY) float32
+    suns: np.ndarray  # (suns, sets, blocks * RAY) float32: the same starts, towards points of each sun's disc
+    texel: np.ndarray  # (blocks * 16,) int32: the texel of each ray, -1 for padding
+    patches: np.ndarray  # (patches, 4) float32: middle of the starts of a patch's rays and largest chord from it
+    width: int  # blocks a patch
+
+
 class Site(NamedTuple):
     """A particle whose rays are followed; `reach` bounds its near field, see ``near.collect``."""
 
@@ -44,6 +58,12 @@ class Site(NamedTuple):
     z: np.float32
     r: np.float32
     reach: np.float32
+
+
+@kernel(inline=True)
+def set_of(world, particle, sets):
+    """Which of the shared ray sets a particle uses."""
+    return int(path_key(world.seed, particle, 0, 0, PURPOSE_TEXEL) >> np.uint64(33)) % sets
 
 
 @kernel(inline=True)
@@ -153,3 +173,19 @@ def add_sunlight(world, work, near, found, site, sun, rays, first, count, values
             dx, dy, dz = rays[q + 3 * LANES], rays[q + 4 * LANES], rays[q + 5 * LANES]
             if not hidden_by_light(world.lights, px, py, pz, dx, dy, dz, FAR):
                 values[at + lane] += sun_luminance(world.lights, sun, rays[q + 6 * LANES])
+
+
+@kernel
+def add_direct(world, work, near, found, site, table, chosen_set, first, first_block, count, values):
+    """Add suns and area lights to the exposed values of a patch."""
+    for q in range(world.lights.suns.shape[0]):
+        add_sunlight(world, work, near, found, site, q, table.suns[q, chosen_set], first, count, values, 0)
+    if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:
+        return
+    for s in range(count):
+        if values[s] >= 0:
+            state = path_key(world.seed, site.sphere, first_block * LANES + s, 1, PURPOSE_TEXEL)
+            ax, ay, az, px, py, pz = ray_start(site, table.rays[chosen_set], first + ray_word(s))
+            values[s] += area_light(
+                world.tree, work, world.lights, True, px, py, pz, ax, ay, az, site.sphere, state
+            )[0]

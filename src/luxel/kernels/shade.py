@@ -6,11 +6,11 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import lambert
+from luxel.kernels.mapping import texel_uv, wrapped
 from luxel.kernels.path import luminance_at
 from luxel.kernels.rng import PURPOSE_PIXEL, path_key
 from luxel.kernels.tiles import primary_ray
 from luxel.kernels.tree_trace import scratch
-from luxel.kernels.warp import latlong_uv
 
 __all__ = ["bilinear", "develop", "shade_pixels", "shade_textures"]
 
@@ -22,30 +22,24 @@ _LIMB = np.float32(0.19)
 
 
 @kernel(inline=True)
-def _texel(codes, decoding, slot, row, column):
-    """Decoded texel; rows beyond a pole continue on the opposite side."""
-    texels = codes.shape[1]
-    if row < 0:
-        row, column = -1 - row, column + texels // 2
-    elif row >= texels:
-        row, column = 2 * texels - 1 - row, column + texels // 2
-    return decoding[codes[slot, row, column % texels]]
+def _texel(mapping, codes, decoding, slot, row, column):
+    row, column = wrapped(mapping, codes.shape[1], row, column)
+    return decoding[codes[slot, row, column]]
 
 
 @kernel
-def bilinear(codes, decoding, slot, nx, ny, nz):
+def bilinear(mapping, codes, decoding, slot, nx, ny, nz):
     """Luminance of texture `slot` where the unit normal n points, interpolated bilinearly (paper 3.4)."""
-    texels = codes.shape[1]
-    u, v = latlong_uv(nx, ny, nz)
-    x, y = u * np.float32(texels) - _HALF, v * np.float32(texels) - _HALF
+    texels = np.float32(codes.shape[1])
+    u, v = texel_uv(mapping, nx, ny, nz)
+    x, y = u * texels - _HALF, v * texels - _HALF
     column, row = int(np.floor(x)), int(np.floor(y))
     a, b = x - np.float32(column), y - np.float32(row)
-    column += texels  # keeps the remainder positive left of column 0
-    top = (_ONE - a) * _texel(codes, decoding, slot, row, column) + a * _texel(
-        codes, decoding, slot, row, column + 1
+    top = (_ONE - a) * _texel(mapping, codes, decoding, slot, row, column) + a * _texel(
+        mapping, codes, decoding, slot, row, column + 1
     )
-    low = (_ONE - a) * _texel(codes, decoding, slot, row + 1, column) + a * _texel(
-        codes, decoding, slot, row + 1, column + 1
+    low = (_ONE - a) * _texel(mapping, codes, decoding, slot, row + 1, column) + a * _texel(
+        mapping, codes, decoding, slot, row + 1, column + 1
     )
     return (_ONE - b) * top + b * low
 
@@ -61,7 +55,7 @@ def _reach(world, eye, spacing, sphere, dx, dy, dz, distance):
 
 
 @kernel
-def _filtered(codes, decoding, slot, eye, dx, dy, dz, nx, ny, nz, reach):
+def _filtered(mapping, codes, decoding, slot, eye, dx, dy, dz, nx, ny, nz, reach):
     """Mean luminance of texture `slot` over what a ray along the unit vector d stands for: four points around its hit.
 
     Without it, particles a few pixels wide sparkle: neighbouring rays fall on unrelated texels. The points lie in the
@@ -85,10 +79,10 @@ def _filtered(codes, decoding, slot, eye, dx, dy, dz, nx, ny, nz, reach):
         rest = _ONE - (px * px + py * py + pz * pz)
         if rest > _LIMB:
             c = np.sqrt(rest)
-            total += bilinear(codes, decoding, slot, px - c * dx, py - c * dy, pz - c * dz)
+            total += bilinear(mapping, codes, decoding, slot, px - c * dx, py - c * dy, pz - c * dz)
             count += 1
     if count == 0:
-        return bilinear(codes, decoding, slot, nx, ny, nz)
+        return bilinear(mapping, codes, decoding, slot, nx, ny, nz)
     return total / np.float32(count)
 
 
@@ -122,6 +116,7 @@ def shade_textures(
     last_row,
     distance,
     ids,
+    mapping,
     slot,
     codes,
     decoding,
@@ -149,9 +144,9 @@ def shade_textures(
             if s >= 0:
                 reach = _reach(world, eye, step, sphere, dx, dy, dz, distance[y, x])
                 if reach > 0:
-                    luminance = _filtered(codes, decoding, s, eye, dx, dy, dz, nx, ny, nz, reach)
+                    luminance = _filtered(mapping, codes, decoding, s, eye, dx, dy, dz, nx, ny, nz, reach)
                 else:
-                    luminance = bilinear(codes, decoding, s, nx, ny, nz)
+                    luminance = bilinear(mapping, codes, decoding, s, nx, ny, nz)
             elif sphere < coarse.shape[0] and coarse[sphere, 0] >= 0:
                 c = coarse[sphere]
                 luminance = max(_ZERO, c[0] + c[1] * nx + c[2] * ny + c[3] * nz)

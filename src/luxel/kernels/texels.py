@@ -9,6 +9,7 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, sun_direction
+from luxel.kernels.mapping import texel_direction
 from luxel.kernels.near import RAY, collect, near_scratch, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at, path_tail
 from luxel.kernels.rays import (
@@ -25,7 +26,7 @@ from luxel.kernels.rays import (
 from luxel.kernels.rng import PURPOSE_TEXEL, next_state, path_key, uniform
 from luxel.kernels.simd import FAR, LANES
 from luxel.kernels.tree_trace import scratch
-from luxel.kernels.warp import cosine_direction, latlong_direction
+from luxel.kernels.warp import cosine_direction
 
 __all__ = ["sample_texels"]
 
@@ -33,7 +34,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 @kernel
-def _draw(world, sphere, texel, texels, grid, rays, sun_rays, states):
+def _draw(world, mapping, sphere, texel, texels, grid, rays, sun_rays, states):
     """Draw a texel's first rays and those towards every sun, numbers as in ``path.luminance_at``."""
     row, column = texel // texels, texel % texels
     step = _ONE / np.float32(texels * grid)
@@ -42,7 +43,7 @@ def _draw(world, sphere, texel, texels, grid, rays, sun_rays, states):
         ju, jv = uniform(state)
         u = (np.float32(column * grid + s % grid) + ju) * step
         v = (np.float32(row * grid + s // grid) + jv) * step
-        ax, ay, az = latlong_direction(u, v)
+        ax, ay, az = texel_direction(mapping, u, v)
         states[s] = state
         state = next_state(state)
         u, v = uniform(state)
@@ -100,7 +101,7 @@ def _area_lights(world, work, site, rays, count, values, states):
 
 
 @kernel
-def sample_texels(world, ids, grid, frames, mean, variance, exposed):
+def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
     """Sample the textures of particles `ids` with grid × grid jittered samples a texel, uniform in (u, v).
 
     Parameters
@@ -132,7 +133,7 @@ def sample_texels(world, ids, grid, frames, mean, variance, exposed):
         neighbours, reach = collect(world.tree, work, near, x, y, z, r, i)
         site = Site(i, x, y, z, r, reach)
         for texel in range(texels * texels):
-            _draw(world, i, texel, texels, grid, rays, sun_rays, states)
+            _draw(world, mapping, i, texel, texels, grid, rays, sun_rays, states)
             if world.model == LAMBERTIAN:
                 _plain(world, work, site, rays, count, values, states)
             else:

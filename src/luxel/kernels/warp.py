@@ -1,4 +1,4 @@
-"""Warps from the unit square to directions, and the latitude-longitude map."""
+"""Warps from the unit square to directions with a density."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 
-__all__ = ["cone_direction", "cosine_direction", "latlong_direction", "latlong_uv", "to_frame", "turn"]
+__all__ = ["cone_direction", "cosine_direction", "to_frame", "turn"]
 
 _TWO_PI = np.float32(2 * math.pi)
-_INV_PI = np.float32(1 / math.pi)
-_INV_TWO_PI = np.float32(0.5 / math.pi)
-_ONE, _TWO, _ZERO = np.float32(1), np.float32(2), np.float32(0)
+_ONE, _ZERO = np.float32(1), np.float32(0)
 
 
 @kernel(inline=True)
@@ -65,20 +63,3 @@ def cone_direction(ax, ay, az, cos_half, u, v):
     r = np.sqrt(max(_ZERO, _ONE - z * z))
     c, s = turn(v)
     return to_frame(ax, ay, az, r * c, r * s, z)
-
-
-@kernel(inline=True)
-def latlong_direction(u, v):
-    """Unit vector of (u, v) in [0, 1)²: azimuth 2πu from +X towards +Y, polar angle πv from +Z (paper 3.2)."""
-    x, y = turn(u)
-    z, s = turn(np.float32(0.5) * v)
-    return s * x, s * y, z
-
-
-@kernel(inline=True)
-def latlong_uv(x, y, z):
-    """Inverse of `latlong_direction`; u in [0, 1]."""
-    u = np.arctan2(y, x) * _INV_TWO_PI
-    if u < 0:
-        u += _ONE
-    return u, np.arccos(min(_ONE, max(-_ONE, z))) * _INV_PI

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.light.mapping import Mapping, texel_neighbours
+
 __all__ = ["TextureFilter", "dilate"]
 
 _BASIS_COUNT = 20
@@ -37,6 +39,8 @@ class TextureFilter:
         (D,) float64, the signal's variance in each texel that the basis leaves out.
     noise
         Variance of one sample, averaged over the training set.
+    mapping
+        Of the textures.
     """
 
     mean: NDArray[np.float64]
@@ -44,17 +48,22 @@ class TextureFilter:
     power: NDArray[np.float64]
     rest: NDArray[np.float64]
     noise: float
+    mapping: Mapping
 
     @classmethod
     def learn(
-        cls, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint32]
+        cls,
+        mean: NDArray[np.float32],
+        variance: NDArray[np.float32],
+        exposed: NDArray[np.uint32],
+        mapping: Mapping,
     ) -> TextureFilter:
         """Learn from (K, T, T) training textures; arguments as from ``kernels.path.sample_texels``.
 
         The noise of the training textures themselves is subtracted from their covariance.
         """
         count = len(mean)
-        samples = dilate(mean, exposed > 0).reshape(count, -1).astype(np.float64)
+        samples = dilate(mean, exposed > 0, mapping).reshape(count, -1).astype(np.float64)
         weight = exposed.reshape(count, -1).astype(np.float64)
         noise = float((variance.reshape(count, -1) * (weight > 1)).sum() / max(1.0, (weight > 1).sum()))
         center = samples.mean(axis=0)
@@ -70,7 +79,7 @@ class TextureFilter:
         floor = 1e-6 * max(float(signal.max()), 1e-12)
         power = np.maximum(power, floor)
         rest = np.maximum(signal - (vectors**2) @ power, floor)
-        return cls(center, np.ascontiguousarray(vectors.T), power, rest, noise)
+        return cls(center, np.ascontiguousarray(vectors.T), power, rest, noise, mapping)
 
     def apply(
         self, mean: NDArray[np.float32], variance: NDArray[np.float32], exposed: NDArray[np.uint32]
@@ -80,7 +89,7 @@ class TextureFilter:
         Every texture is treated alone: what it becomes does not depend on its batch.
         """
         if len(self.power) == 0:
-            return dilate(mean, exposed > 0)
+            return dilate(mean, exposed > 0, self.mapping)
         shape = mean.shape
         count, size = shape[0], shape[1] * shape[2]
         samples = mean.reshape(count, size).astype(np.float64)
@@ -111,25 +120,26 @@ class TextureFilter:
         return np.asarray(estimate.reshape(shape), dtype=np.float32)
 
 
-def dilate(textures: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Fill unknown texels of (K, T, T) latitude-longitude textures from their known neighbours, ring by ring.
+def dilate(
+    textures: NDArray[np.float32], known: NDArray[np.bool_], mapping: Mapping = "latlong"
+) -> NDArray[np.float32]:
+    """Fill unknown texels of (K, T, T) textures from their known neighbours, ring by ring.
 
     Textures with no known texel become 0.
     """
-    filled = np.where(known, textures, np.float32(0)).astype(np.float32)
-    have = known.copy()
-    half = textures.shape[2] // 2
+    filled = np.where(known, textures, np.float32(0)).astype(np.float32).reshape(len(textures), -1)
+    have = known.reshape(filled.shape).copy()
+    neighbours = texel_neighbours(mapping, textures.shape[2])
     while True:
-        open_ones = ~have & have.any(axis=(1, 2), keepdims=True)
+        open_ones = ~have & have.any(axis=1, keepdims=True)
         if not open_ones.any():
-            return filled
+            return filled.reshape(textures.shape)
+        masked = np.where(have, filled, np.float32(0))
         total = np.zeros_like(filled)
         weight = np.zeros_like(filled)
-        masked = np.where(have, filled, np.float32(0))
-        for values, target in ((masked, total), (have.astype(np.float32), weight)):
-            north = np.concatenate([np.roll(values[:, :1], half, axis=2), values[:, :-1]], axis=1)
-            south = np.concatenate([values[:, 1:], np.roll(values[:, -1:], half, axis=2)], axis=1)
-            target += north + south + np.roll(values, 1, axis=2) + np.roll(values, -1, axis=2)
+        for beside in neighbours:
+            total += masked[:, beside]
+            weight += have[:, beside]
         grown = open_ones & (weight > 0)
         filled[grown] = total[grown] / weight[grown]
         have |= grown

@@ -1,35 +1,171 @@
-"""Texel frames: what the near field must know of every texel."""
+"""Ray sets that particles share, and the frames of texels that the near field culls by.
+
+A set covers a particle's surface, cell by cell of its texels along a Morton curve, and gives the k-th cell the k-th
+point of a scrambled Sobol sequence as direction: any run of cells, a patch of the sphere, has directions that are spread
+evenly (after Ahmed and Wonka 2020, "Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical
+ordering of pixels"). Particles take turns among many sets, so that neighbours do not err alike.
+"""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["texel_frames"]
+from luxel.kernels import mapping as maps
+from luxel.kernels.near import RAY
+from luxel.kernels.rays import RayTable
+from luxel.kernels.simd import LANES
+from luxel.light.mapping import Mapping, mapping_code, square_directions
+
+__all__ = ["make_ray_table", "texel_frames"]
+
+Float = NDArray[np.float64]
+
+_TABLE_BYTES = 4 << 20  # all sets together stay in the last-level cache
+_FEWEST_SETS, _MOST_SETS = 16, 128
+_PATCH_RAYS = 32
 
 
-def latlong_points(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors (…, 3) of latitude-longitude coordinates, see ``kernels.warp.latlong_direction``."""
-    phi, theta = np.broadcast_arrays(2 * np.pi * u, np.pi * v)
-    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-
-
-@cache
-def texel_frames(texels: int) -> NDArray[np.float32]:
+@lru_cache(maxsize=8)
+def texel_frames(mapping: Mapping, texels: int) -> NDArray[np.float32]:
     """(T·T, 4) float32: middle of every texel and the largest chord from it to a point of the texel."""
     fine = 8
-    edges = np.linspace(0, 1, texels * fine + 1)
-    grid = latlong_points(edges[None, :], edges[:, None])
+    grid = square_directions(mapping, np.linspace(0, 1, texels * fine + 1)).astype(np.float64)
     frames = np.empty((texels * texels, 4), np.float32)
     for row in range(texels):
         for column in range(texels):
             block = grid[row * fine : (row + 1) * fine + 1, column * fine : (column + 1) * fine + 1]
-            middle = block.reshape(-1, 3).mean(axis=0)
-            middle /= np.linalg.norm(middle)
-            # Between the grid's points a texel's corners bulge by less than the slack.
-            chord = np.linalg.norm(block - middle, axis=-1).max() * 1.001 + 1e-4
-            frames[row * texels + column] = (*middle, chord)
+            frames[row * texels + column] = _frame(block.reshape(-1, 3))
     frames.setflags(write=False)
     return frames
+
+
+def make_ray_table(
+    mapping: Mapping,
+    shape: tuple[int, int],
+    samples: int,
+    suns: NDArray[np.float32],
+    *,
+    seed: int = 0,
+    sets: int | None = None,
+) -> RayTable:
+    """Make ray sets with `samples` (a square number) starts a texel, and as many directions towards each sun's disc.
+
+    `shape` is rows and columns of the map, `suns` is (S, 6) as in ``kernels.light.Lights``; `sets` defaults to as many as fit a cache.
+    """
+    grid = round(samples**0.5)
+    count = shape[0] * shape[1] * samples
+    blocks = -(-count // LANES)
+    each = 4 * blocks * RAY * (1 + len(suns))
+    sets = sets or int(np.clip(_TABLE_BYTES // each, _FEWEST_SETS, _MOST_SETS))
+    row, column = _morton_cells(shape, grid)
+    texel = np.full(blocks * LANES, -1, np.int32)
+    texel[:count] = (row // grid) * shape[1] + column // grid
+    rays = np.empty((sets, blocks * RAY), np.float32)
+    sun_rays = np.empty((len(suns), sets, blocks * RAY), np.float32)
+    starts = np.empty((sets, blocks * LANES, 3))
+    index = np.arange(blocks * LANES)
+    for k in range(sets):
+        rng = np.random.default_rng((seed, k, *shape, samples))
+        jitter = rng.random((2, len(row)))
+        u, v = (column + jitter[0]) / (shape[1] * grid), (row + jitter[1]) / (shape[0] * grid)
+        start = _points(mapping, u, v)
+        start = np.concatenate([start, np.repeat(start[-1:], blocks * LANES - count, axis=0)])
+        starts[k] = start
+        s, t = _scrambled_sobol(index, rng)
+        height, turn = 1 - 2 * s, 2 * np.pi * t
+        ring = np.sqrt(np.maximum(0.0, 1 - height * height))
+        # A normal plus a uniform point of the unit sphere has the density cosθ/π.
+        direction = start + np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=-1)
+        direction /= np.maximum(np.linalg.norm(direction, axis=-1, keepdims=True), 1e-9)
+        rays[k] = _pack(start, direction)
+        for q, sun in enumerate(suns):
+            s, t = _scrambled_sobol(index, rng)
+            sun_rays[q, k] = _pack(start, _disc(sun.astype(np.float64), s, t))
+    width = _PATCH_RAYS // LANES
+    spans = [slice(b * LANES, min(b + width, blocks) * LANES) for b in range(0, blocks, width)]
+    patches = np.array([_frame(starts[:, span].reshape(-1, 3)) for span in spans], np.float32)
+    return RayTable(rays, sun_rays, texel, patches, width)
+
+
+def _points(mapping: Mapping, u: Float, v: Float) -> Float:
+    found = np.empty((len(u), 3), np.float32)
+    maps.point_directions(mapping_code(mapping), u.astype(np.float32), v.astype(np.float32), found)
+    points = found.astype(np.float64)
+    return points / np.linalg.norm(points, axis=-1, keepdims=True)
+
+
+def _frame(points: Float) -> tuple[float, ...]:
+    middle = points.mean(axis=0)
+    middle /= max(float(np.linalg.norm(middle)), 1e-9)
+    # Between a grid's points a texel's edges bulge by less than the slack.
+    chord = float(np.linalg.norm(points - middle, axis=-1).max()) * 1.001 + 1e-4
+    return (*middle, chord)
+
+
+def _morton_cells(shape: tuple[int, int], grid: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of all cells, texel by texel along a Morton curve, and along another within each texel."""
+    row, column = (a.ravel() for a in np.indices((shape[0] * grid, shape[1] * grid)))
+    inner = _interleave(row % grid, column % grid)
+    outer = _interleave(row // grid, column // grid)
+    order = np.lexsort((inner, outer))
+    return row[order], column[order]
+
+
+def _interleave(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
+    code = np.zeros_like(a)
+    for bit in range(10):
+        code |= ((b >> bit) & 1) << (2 * bit) | ((a >> bit) & 1) << (2 * bit + 1)
+    return code
+
+
+def _scrambled_sobol(index: NDArray[np.int64], rng: np.random.Generator) -> tuple[Float, Float]:
+    """Owen-scrambled (0, 2)-sequence by hashing (Laine and Karras 2011; Burley 2020)."""
+    bits = index.astype(np.uint32)
+    first = _reverse(bits)
+    second = np.zeros_like(bits)
+    column = np.uint32(1 << 31)
+    for bit in range(32):
+        second ^= np.where((bits >> np.uint32(bit)) & np.uint32(1), column, np.uint32(0)).astype(np.uint32)
+        column ^= column >> np.uint32(1)
+    seeds = rng.integers(0, 2**32, 2, dtype=np.uint32)
+    u, v = (_scramble(a, s) for a, s in ((first, seeds[0]), (second, seeds[1])))
+    return u / 2.0**32, v / 2.0**32
+
+
+def _scramble(x: NDArray[np.uint32], seed: np.uint32) -> NDArray[np.uint32]:
+    x = _reverse(x)
+    with np.errstate(over="ignore"):
+        x = x + seed
+        for factor in (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6):
+            x ^= x * np.uint32(factor)
+    return _reverse(x)
+
+
+def _reverse(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF)):
+        s, m = np.uint32(shift), np.uint32(mask)
+        x = ((x >> s) & m) | ((x & m) << s)
+    return (x >> np.uint32(16)) | (x << np.uint32(16))
+
+
+def _disc(sun: Float, s: Float, t: Float) -> Float:
+    axis, cosine = sun[:3], sun[5]
+    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    side /= np.linalg.norm(side)
+    other = np.cross(axis, side)
+    height = 1 - s * (1 - cosine)
+    ring = np.sqrt(np.maximum(0.0, 1 - height * height))
+    turn = 2 * np.pi * t
+    return (
+        height[:, None] * axis
+        + (ring * np.cos(turn))[:, None] * side
+        + (ring * np.sin(turn))[:, None] * other
+    )
+
+
+def _pack(start: Float, direction: Float) -> NDArray[np.float32]:
+    words = np.concatenate([start, direction, (start * direction).sum(axis=-1, keepdims=True)], axis=1)
+    return words.reshape(-1, LANES, 7).swapaxes(1, 2).astype(np.float32).ravel()

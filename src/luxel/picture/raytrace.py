@@ -14,6 +14,7 @@ from luxel.errors import InputError
 from luxel.kernels import shade, tiles
 from luxel.kernels.path import World
 from luxel.light.lights import scene_white
+from luxel.light.mapping import Mapping, mapping_code
 from luxel.light.world import make_world
 from luxel.picture.image import Image
 from luxel.scene.camera import Camera
@@ -44,6 +45,7 @@ def render(
     light: Light = "texture",
     samples: int | None = None,
     mode: Mode = "fast",
+    mapping: Mapping = "latlong",
     antialias: int = 3,
     threads: int | None = None,
     seed: int = 0,
@@ -66,7 +68,7 @@ def render(
         ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
     samples
         Of light: a texel (a square number, default 4) or a pixel (default 64).
-    mode, seed
+    mode, mapping, seed
         Of the textures that are baked here, see :class:`luxel.TextureSpec`.
     antialias
         Rays along each side of a pixel: 1 for none, 3 for nine rays a pixel.
@@ -108,7 +110,8 @@ def render(
             raise InputError(f"samples must be at least 1, got {samples}")
         _draw_pixels(world, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
     else:
-        table = _table(scene, eye, size, shifts, textures, key, samples, mode, seed, workers, progress, world)
+        spec = TextureSpec(samples=4 if samples is None else samples, mode=mode, seed=seed, mapping=mapping)
+        table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, world)
         draw_textures(world, eye, shifts, table, colors, total, workers)
     picture = np.empty((height, width, 3), np.float32)
     background = srgb_to_linear(rgb(view.background)).astype(np.float32)
@@ -186,6 +189,8 @@ def draw_textures(
     distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
     spacing = np.float32(1 / math.sqrt(len(shifts)))
 
+    mapping = mapping_code(table.mapping)
+
     def band(row: int) -> None:
         last = min(row + _BAND, height)
         for x, y in shifts:
@@ -200,6 +205,7 @@ def draw_textures(
                 last,
                 distance,
                 ids,
+                mapping,
                 table.slot,
                 table.codes,
                 table.decoding,
@@ -253,9 +259,7 @@ def _table(
     shifts: list[tuple[float, float]],
     textures: LuminanceTextures | TextureSource | None,
     key: str | None,
-    samples: int | None,
-    mode: Mode,
-    seed: int,
+    spec: TextureSpec,
     threads: int,
     progress: Progress | None,
     world: World,
@@ -271,7 +275,6 @@ def _table(
     if scene.model == "lambertian":
         none = np.full(count, -1, np.int32)
         return TextureTable(none, np.zeros((1, 16, 16), np.uint8), decoding_table(1.0, "linear"))
-    spec = TextureSpec(samples=4 if samples is None else samples, mode=mode, seed=seed)
     visible = _visible(world, eye, *size, shifts, threads)
     return bake_with(Baker(scene, spec), visible, progress=progress, threads=threads).snapshot(
         light_key(scene, spec)

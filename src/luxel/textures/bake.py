@@ -14,6 +14,7 @@ from luxel.kernels.texels import sample_texels
 from luxel.light.denoise import TextureFilter
 from luxel.light.first_light import first_light
 from luxel.light.lights import luminance_scale
+from luxel.light.mapping import Mapping, mapping_code
 from luxel.light.ray_sets import texel_frames
 from luxel.light.world import make_world
 from luxel.scene.scene import Scene
@@ -89,8 +90,9 @@ class Baker:
         shape = (len(ids), self.spec.texels, self.spec.texels)
         mean, variance = np.empty(shape, np.float32), np.empty(shape, np.float32)
         exposed = np.empty(shape, np.uint32)
+        mapping, frames = self.spec.mapping, texel_frames(self.spec.mapping, self.spec.texels)
         sample_texels(
-            self._world, ids, round(samples**0.5), texel_frames(self.spec.texels), mean, variance, exposed
+            self._world, mapping_code(mapping), ids, round(samples**0.5), frames, mean, variance, exposed
         )
         return mean, variance, exposed
 
@@ -118,7 +120,7 @@ class Baker:
         chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
         parts = self._sample_all(chosen, max(_TRAINING_SAMPLES, self.spec.samples), threads)
         mean, variance, exposed = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-        return TextureFilter.learn(mean, variance, exposed)
+        return TextureFilter.learn(mean, variance, exposed, self.spec.mapping)
 
     def _sample_all(
         self, ids: NDArray[np.int32], samples: int, threads: int
@@ -139,6 +141,7 @@ def bake(
     *,
     threads: int | None = None,
     max_bounces: int | None = None,
+    mapping: Mapping = "latlong",
 ) -> LuminanceTextures:
     """Bake luminance textures.
 
@@ -148,7 +151,7 @@ def bake(
         What to light.
     ids
         (M,) particles to bake; None means all.
-    texels, samples, mode, seed, max_bounces
+    texels, samples, mode, seed, max_bounces, mapping
         See :class:`luxel.TextureSpec`.
     progress
         Called as ``progress(done, total)`` in particles, from this thread.
@@ -165,7 +168,7 @@ def bake(
     InputError
         For options out of range or ids that the scene does not have.
     """
-    spec = TextureSpec(texels, samples, mode, seed, max_bounces)
+    spec = TextureSpec(texels, samples, mode, seed, max_bounces, mapping)
     return bake_with(
         Baker(scene, spec), as_ids(ids, len(scene.particles)), progress=progress, threads=threads
     )
@@ -198,5 +201,12 @@ def bake_with(
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
     return LuminanceTextures(
-        ids, codes, baker.scale, baker.encoding, len(baker.scene.particles), baker.key, clipped
+        ids,
+        codes,
+        baker.scale,
+        baker.encoding,
+        len(baker.scene.particles),
+        baker.key,
+        clipped,
+        baker.spec.mapping,
     )

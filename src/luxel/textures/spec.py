@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from luxel.errors import InputError
+from luxel.light.mapping import Mapping, mapping_code
 from luxel.scene.scene import Scene
 
 __all__ = ["Mode", "TextureSpec", "light_key"]
@@ -22,7 +23,7 @@ class TextureSpec:
     Parameters
     ----------
     texels
-        Rows and columns of the latitude-longitude map.
+        Rows and columns.
     samples
         Jittered samples a texel; a square number.
     mode
@@ -32,6 +33,9 @@ class TextureSpec:
         Of the counter-based random numbers.
     max_bounces
         Interreflection stops after so many bounces; None means never (unbiased roulette decides).
+    mapping
+        From texels to directions: ``"latlong"``, latitude-longitude as in the paper, or ``"octahedral"``, whose texels
+        all have the same solid angle (Clarberg 2008).
 
     Raises
     ------
@@ -44,6 +48,7 @@ class TextureSpec:
     mode: Mode = "paper"
     seed: int = 0
     max_bounces: int | None = None
+    mapping: Mapping = "latlong"
 
     def __post_init__(self) -> None:
         if not (isinstance(self.texels, int) and 4 <= self.texels <= 64 and self.texels % 2 == 0):
@@ -60,6 +65,7 @@ class TextureSpec:
             raise InputError(f"seed must be a whole number >= 0, got {self.seed!r}")
         if self.max_bounces is not None and self.max_bounces < 0:
             raise InputError(f"max_bounces must be >= 0, got {self.max_bounces}")
+        mapping_code(self.mapping)
 
     @property
     def encoding(self) -> Literal["linear", "sqrt"]:

@@ -8,6 +8,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.light.mapping import Mapping
+
 __all__ = ["NO_COARSE", "LuminanceTextures", "TextureSource", "TextureTable", "decode", "encode"]
 
 Encoding = Literal["linear", "sqrt"]
@@ -47,9 +49,11 @@ class TextureTable:
     slot
         (N,) int32 for every particle of the scene: its row in `codes`, or -1 where there is no texture yet.
     codes
-        (M, texels, texels) uint8, rows are latitude from +Z, columns azimuth from +X towards +Y.
+        (M, texels, texels) uint8.
     decoding
         (256,) float32: luminance of each code.
+    mapping
+        From texels to directions, see :class:`luxel.TextureSpec`.
     coarse
         (N, 4) float32, shown where there is no texture yet: luminance towards the unit normal n is
         max(0, c0 + c1 nx + c2 ny + c3 nz). c0 < 0 marks a particle that has no record either, and shape (0, 4) that
@@ -59,6 +63,7 @@ class TextureTable:
     slot: NDArray[np.int32]
     codes: NDArray[np.uint8]
     decoding: NDArray[np.float32]
+    mapping: Mapping = "latlong"
     coarse: NDArray[np.float32] = field(default_factory=lambda: NO_COARSE)
 
 
@@ -80,6 +85,8 @@ class LuminanceTextures:
         The light key.
     clipped_count
         Texels whose luminance exceeded `scale`.
+    mapping
+        From texels to directions, see :class:`luxel.TextureSpec`.
     """
 
     ids: NDArray[np.int32]
@@ -89,6 +96,7 @@ class LuminanceTextures:
     count: int
     key: str
     clipped_count: int = 0
+    mapping: Mapping = "latlong"
 
     @property
     def luminance(self) -> NDArray[np.float32]:
@@ -105,7 +113,7 @@ class LuminanceTextures:
         slot = np.full(self.count, -1, dtype=np.int32)
         if key == self.key:
             slot[self.ids] = np.arange(len(self.ids), dtype=np.int32)
-        return TextureTable(slot, self.codes, decoding_table(self.scale, self.encoding))
+        return TextureTable(slot, self.codes, decoding_table(self.scale, self.encoding), self.mapping)
 
     def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
         """Textures of a bake are all there: nothing to request."""

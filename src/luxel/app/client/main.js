@@ -139,7 +139,7 @@ export class App {
     this.tiles = new TileStore(head.count, head.texels, ATLAS_BYTES, PARTICLES_WIDTH);
     this.coarse = new CoarseStore(head.count, PARTICLES_WIDTH);
     this.guard(() => this.renderer.setAtlas(this.tiles));
-    this.renderer.look.texels = head.texels;
+    this.renderer.setTexels(head);
     this.sight = new Sight(head.count);
     this.panel.setScene(head, again);
     this.trouble("notice", head.notice || null);
@@ -413,7 +413,7 @@ export class App {
         this.renderer.setScene(this.scene.count, 4);
         this.renderer.setSpheres(0, this.sphereData);
         this.renderer.setAtlas(this.tiles);
-        this.renderer.look.texels = this.scene.texels;
+        this.renderer.setTexels(this.scene);
       }
       if (this.light !== null) {
         this.lightRenderer();

@@ -15,6 +15,7 @@ import { LAYER_ROWS } from "./tiles.js";
 /** @typedef {import("./tiles.js").TileStore} TileStore */
 
 export const PARTICLES_WIDTH = 2048;
+const MAPPINGS = ["latlong", "octahedral"]; // in the order of the shader's uMapping
 const NEAR = 1e-6;
 const FRAMES_IN_FLIGHT = 2;
 const QUADS = 1 << 16; // particles in one draw call
@@ -62,7 +63,7 @@ export class Renderer {
     this.doneAt = 0;
     this.look = {
       uniform: true, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, white: 1,
-      top: [0, 0, 0], bottom: [0, 0, 0], useTiles: false, texels: 16, coarseScale: 1,
+      top: [0, 0, 0], bottom: [0, 0, 0], useTiles: false, texels: 16, mapping: 0, coarseScale: 1,
     };
     /** @type {any} */
     this.light = { sky: [1, 1, 0, 0, 1], suns: [], globes: [], quads: [] };
@@ -128,6 +129,12 @@ export class Renderer {
     this.lut.delete();
     this.lut = new Texture(this.gl, "rgba32f", rows, 1);
     this.lut.rows(table, 0, 1);
+  }
+
+  /** How texels lie on a sphere. @param {{texels: number, mapping: string}} scene */
+  setTexels({ texels, mapping }) {
+    this.look.texels = texels;
+    this.look.mapping = MAPPINGS.indexOf(mapping);
   }
 
   /** @param {TileStore} tiles */
@@ -250,7 +257,7 @@ export class Renderer {
     shade.texture("uIds", targets.ids.colors[0]).texture("uValues", this.values).texture("uLut", this.lut)
       .texture("uSlots", this.slots).texture("uAtlas", this.atlas).texture("uDecoding", this.decoding)
       .texture("uCoarse", this.coarse).float("uCoarseScale", this.look.coarseScale)
-      .int("uTexels", this.look.texels).int("uUseTiles", this.look.useTiles ? 1 : 0)
+      .int("uTexels", this.look.texels).int("uMapping", this.look.mapping).int("uUseTiles", this.look.useTiles ? 1 : 0)
       .int("uUseCoarse", this.useCoarse && this.look.useTiles ? 1 : 0)
       .int("uUniform", this.look.uniform ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
     // Samples after the first fall between: together they need no filter, which would only blur them.

@@ -121,7 +121,7 @@ uniform sampler2D uLut;         // linear light
 uniform isampler2D uSlots;      // slot + generation << 24, or -1
 uniform usampler2DArray uAtlas; // tiles one after the other, 2048 bytes a row
 uniform sampler2D uDecoding;    // a row of 256 luminances for each generation
-uniform int uTexels;
+uniform int uTexels, uMapping;  // mapping 0: latitude-longitude, 1: octahedral
 uniform sampler2D uCoarse;      // first light; red < 0 where there is none
 uniform float uCoarseScale;
 uniform float uSpacing;         // of the picture's rays, in pixels
@@ -139,25 +139,44 @@ layout(location = 1) out float outCover;
 
 const float PI = 3.14159265358979;
 
-float texel(int slot, int generation, int row, int column) {
-  if (row < 0) { row = -1 - row; column += uTexels / 2; }
-  else if (row >= uTexels) { row = 2 * uTexels - 1 - row; column += uTexels / 2; }
-  int at = slot * uTexels * uTexels + row * uTexels + column % uTexels;
-  uint code = texelFetch(uAtlas, ivec3(at & 2047, (at >> 11) & 2047, at >> 22), 0).r;
+float texel(int slot, int generation, ivec2 at) {
+  int last = uTexels - 1;
+  ivec2 inside = clamp(at, 0, last); // column, row
+  // Beyond an edge, octahedral texels continue mirrored along it; latitude-longitude on the opposite side of a pole.
+  bvec2 beyond = notEqual(at, inside);
+  if (uMapping == 1) {
+    inside = ivec2(beyond.y ? last - inside.x : inside.x, beyond.x ? last - inside.y : inside.y);
+  } else {
+    inside.x = (at.x + uTexels + (beyond.y ? uTexels / 2 : 0)) % uTexels;
+  }
+  int place = (slot * uTexels + inside.y) * uTexels + inside.x;
+  uint code = texelFetch(uAtlas, ivec3(place & 2047, (place >> 11) & 2047, place >> 22), 0).r;
   return texelFetch(uDecoding, ivec2(int(code), generation), 0).r;
 }
 
-// Latitude-longitude map, bilinear (paper 3.4).
+// Where a direction lies in the square of a texture; the same as luxel.kernels.mapping.texel_uv.
+vec2 square(vec3 n) {
+  vec3 a = abs(n);
+  float quarters = max(a.x, a.y) > 0.0 ? atan(a.y, a.x) / (0.5 * PI) : 0.0; // of the azimuth, within its quadrant
+  if (uMapping == 1) {
+    float r = sqrt(dot(n.xy, n.xy) / (1.0 + a.z));
+    vec2 p = r * vec2(1.0 - quarters, quarters);
+    if (n.z < 0.0) p = 1.0 - p.yx;
+    return 0.5 + 0.5 * vec2(n.x < 0.0 ? -p.x : p.x, n.y < 0.0 ? -p.y : p.y);
+  }
+  float u = 0.25 * (n.x < 0.0 ? 2.0 - quarters : quarters);
+  return vec2(n.y < 0.0 ? 1.0 - u : u, atan(length(n.xy), n.z) / PI);
+}
+
+// Bilinear (paper 3.4).
 float textured(int tile, vec3 n) {
   int slot = tile & 0xffffff, generation = tile >> 24;
-  float u = atan(n.y, n.x) / (2.0 * PI);
-  float v = acos(clamp(n.z, -1.0, 1.0)) / PI;
-  vec2 at = vec2(u < 0.0 ? u + 1.0 : u, v) * float(uTexels) - 0.5;
+  vec2 at = square(n) * float(uTexels) - 0.5;
   vec2 base = floor(at), f = at - base;
-  int column = int(base.x) + uTexels, row = int(base.y);
+  ivec2 p = ivec2(base);
   return mix(
-    mix(texel(slot, generation, row, column), texel(slot, generation, row, column + 1), f.x),
-    mix(texel(slot, generation, row + 1, column), texel(slot, generation, row + 1, column + 1), f.x), f.y);
+    mix(texel(slot, generation, p), texel(slot, generation, p + ivec2(1, 0)), f.x),
+    mix(texel(slot, generation, p + ivec2(0, 1)), texel(slot, generation, p + ivec2(1, 1)), f.x), f.y);
 }
 
 // Mean over what a ray stands for, four points around its hit; the same as luxel.kernels.shade._filtered.

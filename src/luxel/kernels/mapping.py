@@ -1,0 +1,155 @@
+"""Maps between the unit square of a texture and directions, and what lies beyond the square's edges.
+
+Latitude-longitude is the paper's (3.2). The octahedral one is equal-area (Clarberg, "Fast Equal-Area Mapping of the
+(Hemi)Sphere using SIMD", JGT 2008): +Z in the middle of the square, -Z in its four corners, the equator on the square
+between the middles of its sides.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.warp import turn
+
+__all__ = [
+    "LATLONG",
+    "OCTAHEDRAL",
+    "point_directions",
+    "square_directions",
+    "texel_direction",
+    "texel_neighbours",
+    "texel_uv",
+    "wrapped",
+]
+
+LATLONG, OCTAHEDRAL = 0, 1
+
+_QUARTER, _HALF, _ZERO, _ONE, _TWO = (np.float32(x) for x in (0.25, 0.5, 0, 1, 2))
+
+
+@kernel(inline=True)
+def _quarters(y, x):
+    """Angle of (x, y), both >= 0, in quarter turns: to 5e-7, the same on every platform; 0 at the origin."""
+    low, high = min(x, y), max(x, y)
+    if high == _ZERO:
+        return _ZERO
+    t = low / high
+    s = t * t  # a Chebyshev fit of atan(t) / t in t² on [0, 1]
+    p = np.float32(0.0539597) + s * (np.float32(-0.02403348) + s * np.float32(0.0051549))
+    p = np.float32(0.12665567) + s * (np.float32(-0.08618352) + s * p)
+    p = t * (np.float32(0.63661957) + s * (np.float32(-0.21217248) + s * p))
+    return p if y <= x else _ONE - p
+
+
+@kernel(inline=True)
+def _latlong_direction(u, v):
+    x, y = turn(u)
+    z, s = turn(_HALF * v)
+    return s * x, s * y, z
+
+
+@kernel(inline=True)
+def _latlong_uv(x, y, z):
+    u = _QUARTER * _quarters(abs(y), abs(x))
+    if x < 0:
+        u = _HALF - u
+    if y < 0:
+        u = _ONE - u
+    # Not acos(z): near a pole z hardly changes.
+    v = _HALF * _quarters(np.sqrt(x * x + y * y), abs(z))
+    return u, v if z >= 0 else _ONE - v
+
+
+@kernel(inline=True)
+def _octahedral_direction(u, v):
+    x, y = _TWO * u - _ONE, _TWO * v - _ONE
+    a, b = abs(x), abs(y)
+    above = _ONE - a - b  # distance from the equator, positive on the side of +Z
+    r = _ONE - abs(above)
+    c, s = turn(np.float32(0.125) * ((b - a) / r + _ONE) if r > 0 else _ZERO)
+    sine = r * np.sqrt(_TWO - r * r)
+    z = _ONE - r * r
+    c, s = c * sine, s * sine
+    return c if x >= 0 else -c, s if y >= 0 else -s, z if above >= 0 else -z
+
+
+@kernel(inline=True)
+def _octahedral_uv(x, y, z):
+    # 1 - |z| as it is not rounded away near a pole
+    r = np.sqrt((x * x + y * y) / (_ONE + abs(z)))
+    b = r * _quarters(abs(y), abs(x))
+    a = r - b
+    if z < 0:
+        a, b = _ONE - b, _ONE - a
+    a, b = _HALF * a, _HALF * b
+    return _HALF + (a if x >= 0 else -a), _HALF + (b if y >= 0 else -b)
+
+
+@kernel(inline=True)
+def texel_direction(mapping, u, v):
+    """Unit vector of (u, v) in [0, 1]², u along columns and v along rows.
+
+    Latitude-longitude: azimuth 2πu from +X towards +Y, polar angle πv from +Z. Octahedral: u grows with x, v with y.
+    """
+    if mapping == OCTAHEDRAL:
+        return _octahedral_direction(u, v)
+    return _latlong_direction(u, v)
+
+
+@kernel(inline=True)
+def texel_uv(mapping, x, y, z):
+    """Inverse of `texel_direction`; u and v in [0, 1] up to rounding."""
+    if mapping == OCTAHEDRAL:
+        return _octahedral_uv(x, y, z)
+    return _latlong_uv(x, y, z)
+
+
+@kernel(inline=True)
+def wrapped(mapping, texels, row, column):
+    """Row and column inside the square of a texel at most one beyond its edges.
+
+    Octahedral edges continue mirrored along themselves; latitude-longitude rows on the opposite side of their pole.
+    """
+    last = texels - 1
+    if mapping == OCTAHEDRAL:
+        if column < 0 or column > last:
+            row, column = last - row, min(max(column, 0), last)
+        if row < 0 or row > last:
+            row, column = min(max(row, 0), last), last - column
+        return row, column
+    if row < 0 or row > last:
+        row, column = min(max(row, 0), last), column + texels // 2
+    if column < 0:
+        column += texels
+    elif column > last:
+        column -= texels
+    return row, column
+
+
+@kernel
+def point_directions(mapping, u, v, found):
+    """Write the directions (n, 3) of places (u, v), each (n,)."""
+    for k in range(u.shape[0]):
+        found[k, 0], found[k, 1], found[k, 2] = texel_direction(mapping, u[k], v[k])
+
+
+@kernel
+def square_directions(mapping, at, out):
+    """Directions (n, n, 3) float32 of a grid of places in the square: u = at[column], v = at[row]."""
+    for row in range(len(at)):
+        for column in range(len(at)):
+            x, y, z = texel_direction(mapping, at[column], at[row])
+            out[row, column, 0], out[row, column, 1], out[row, column, 2] = x, y, z
+
+
+@kernel
+def texel_neighbours(mapping, texels, out):
+    """Flat indices (4, T²) int32 of the texels above, below, left and right of every texel."""
+    for row in range(texels):
+        for column in range(texels):
+            for k in range(4):
+                down = 2 * k - 1 if k < 2 else 0
+                right = 2 * k - 5 if k >= 2 else 0
+                r, c = wrapped(mapping, texels, row + down, column + right)
+                out[k, row * texels + column] = r * texels + c
