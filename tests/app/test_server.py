@@ -24,7 +24,7 @@ from luxel.textures.spec import TextureSpec
 from luxel.trace.spheres import SphereSet
 from tests.scenes import cloud
 
-COUNT = 6000  # tiles of more than four messages
+COUNT = 6000  # more than the tiles of four full messages, 1024 each
 TEXELS = 4
 GUARD_S = 15.0
 
@@ -268,7 +268,7 @@ def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
     client = Client(viewer)
     key = client.next(protocol.LightState).key
     client.send(protocol.Sighted(key, np.arange(COUNT, dtype=np.int32), (0, 0, 5)))
-    for _ in range(4):
+    for _ in range(4):  # full or not: COUNT tiles do not fit
         client.next(protocol.Tiles)
     assert viewer.session.wait(30)
     client.send(protocol.ScalarRequest("value"))  # answered although tiles wait

@@ -183,12 +183,16 @@ def draw_textures(
     colors: NDArray[np.float32],
     total: NDArray[np.float32],
     threads: int,
+    *,
+    filtered: bool = True,
 ) -> None:
-    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.shade``."""
+    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.shade``.
+
+    Textures are filtered over the distance between the rays, unless `filtered` is False.
+    """
     height, width = total.shape[:2]
     distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
-    spacing = np.float32(1 / math.sqrt(len(shifts)))
-
+    spacing = np.float32(1 / math.sqrt(len(shifts)) if filtered else 0)
     mapping = mapping_code(table.mapping)
 
     def band(row: int) -> None:
