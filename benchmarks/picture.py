@@ -1,10 +1,12 @@
 """Pictures: how far luminance textures are from path tracing every pixel, and what each costs.
 
-    python -m benchmarks.picture [--quick] [--json]
+    python -m benchmarks.picture [--filter] [--quick] [--json]
 
 Truth is the antialiased picture with every pixel path-traced; its own noise is estimated from a second one with
 another seed and subtracted. Errors in 8-bit levels as displayed, over covered pixels. 22.5 degree texels, 8 bits and
 noise all count.
+
+``--filter`` instead prints what stands in docs/light.md on first light and on small particles.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import numpy as np
 
 import luxel
 from benchmarks.measure import report
+from benchmarks.small import filter_rows, first_light_rows
 from luxel.data import demo_particles, demo_view
 from luxel.picture.raytrace import render, visible_ids
 
@@ -23,8 +26,13 @@ from luxel.picture.raytrace import render, visible_ids
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--quick", action="store_true", help="a smaller picture and fewer samples")
+    options.add_argument("--filter", action="store_true", help="small particles and first light")
     options.add_argument("--json", action="store_true")
     chosen = options.parse_args()
+    if chosen.filter:
+        report("first light", first_light_rows(), chosen.json)
+        report("texture filter, rms levels", filter_rows(chosen.quick), chosen.json)
+        return
     size, samples = ((240, 135), 128) if chosen.quick else ((480, 270), 512)
     particles, view = demo_particles(), demo_view()
     scene = luxel.Scene(particles)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import luxel
-from luxel.dynamic.engine import TileBatch
+from luxel.dynamic.work import TileBatch
 from luxel.errors import FrameError, InputError, SessionClosedError
 from luxel.particles import Particles
 from luxel.scene.lights import Sky
@@ -24,6 +24,12 @@ SPEC = TextureSpec(texels=4, mode="fast", samples=1)
 class FakeBaker:
     def __init__(self, scene: Scene, spec: TextureSpec) -> None:
         self.value = len(scene.particles) + round(100 * scene.albedo)
+
+    def first_light(self, ids: np.ndarray) -> np.ndarray:
+        return np.repeat(ids[:, None] % 251, 4, axis=1).astype(np.float32)
+
+    def prepare(self, threads: int) -> None:
+        """Nothing to learn."""
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
         codes[:] = ((ids + self.value) % 256).astype(np.uint8)[:, None, None]

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from luxel.arrays import as_ids, as_vector
 from luxel.dynamic.cache import TextureCache
-from luxel.dynamic.engine import Engine, Listener, TileBaker, TileBatch
+from luxel.dynamic.engine import Engine
+from luxel.dynamic.work import CoarseBatch, CoarseListener, Listener, TileBaker, TileBatch
 from luxel.errors import FrameError, SessionClosedError
 from luxel.light.lights import luminance_scale
 from luxel.particles import Particles
@@ -139,7 +140,7 @@ class Session:
         self.spec = TextureSpec(mode="fast", samples=4) if spec is None else spec
         self.view = view
         self._thread_count = 0 if threads == 0 else thread_count(threads)
-        self._make_baker = self._new_baker if make_baker is None else make_baker
+        self._make_baker = Baker if make_baker is None else make_baker
         self._lock = threading.RLock()
         self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping)
         self._engine = Engine(self._cache, threads=self._thread_count, clock=clock)
@@ -228,9 +229,22 @@ class Session:
         ready, codes = self._cache.lookup(key, wanted)
         return TileBatch(key, wanted[ready], codes, stale=key != lit.key)
 
+    def first_light(self, ids: ArrayLike, key: str | None = None) -> CoarseBatch:
+        """Return the coarse records that there are among `ids`, under the current light key; none for another."""
+        self._check_open()
+        key = self._lit.key if key is None else key
+        count = self._cache.particle_count(key)
+        wanted = as_ids(np.asarray(ids) if count else [], count)
+        there, records = self._cache.lookup_coarse(key, wanted)
+        return CoarseBatch(key, wanted[there], records)
+
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` with each finished :class:`TileBatch`, from baking threads; return what ends that."""
         return self._engine.subscribe(listener)
+
+    def subscribe_coarse(self, listener: CoarseListener) -> Callable[[], None]:
+        """Call `listener` with each :class:`CoarseBatch` of first light, from baking threads; return what ends that."""
+        return self._engine.subscribe_coarse(listener)
 
     def relight(
         self,
@@ -331,11 +345,6 @@ class Session:
         )
         low, high = SphereSet.of(scene.particles).bounds()
         return _Lit(frame, scene, key, scale, float(np.linalg.norm(high - low)))
-
-    def _new_baker(self, scene: Scene, spec: TextureSpec) -> TileBaker:
-        baker = Baker(scene, spec)
-        baker.prepare(self._thread_count)  # else the first bake would, on one thread
-        return baker
 
 
 class SessionTextures:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import os
 import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from PIL import Image
 import luxel
 from luxel import render
 from luxel.app.viewer import Viewer, view
+from luxel.scene.scene import Scene
 from luxel.session import Session
+from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec
 from tests.app.chromium import Page, find
 from tests.conftest import shared_data
@@ -27,16 +30,32 @@ WINDOW = (420, 300)
 WAIT_S = 120.0  # only ever waited for when a test is about to fail
 
 
+# Hold the light back until the page knows all that it sees, and textures until it has shown their first light.
+SIGHTED, DAWNED = threading.Event(), threading.Event()
+
+
+class PatientBaker(Baker):
+    def __init__(self, scene: Scene, spec: TextureSpec) -> None:
+        super().__init__(scene, spec)
+        assert SIGHTED.wait(WAIT_S)
+
+    def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
+        assert DAWNED.wait(WAIT_S)
+        return super().bake_into(ids, codes)
+
+
 @pytest.fixture(scope="module")
 def viewer() -> Iterator[Viewer]:
     series = luxel.open(shared_data("mpm_generated/bullet_008.npz"))
     look = luxel.View(color_by="velocity_magnitude", colormap="plasma")
     spec = TextureSpec(mode="paper", samples=1, texels=8)
     with (
-        Session(series, spec=spec, view=look, threads=2) as session,
+        Session(series, spec=spec, view=look, threads=2, make_baker=PatientBaker) as session,
         view(session, block=False, open_browser=False, announce=lambda url: None) as opened,
     ):
         yield opened
+        SIGHTED.set()
+        DAWNED.set()
 
 
 @pytest.fixture(scope="module")
@@ -117,10 +136,17 @@ LOOK = luxel.View(color_by="velocity_magnitude", colormap="plasma")
 
 
 def test_light_arrives(page: Page, viewer: Viewer) -> None:
-    """First the particles without global light, then a texture for every visible one."""
+    """First the particles without global light, then first light, then a texture for every visible one."""
     page.wait("window.luxel && luxel.state().loaded > 0 && luxel.state().frames > 0", WAIT_S)
-    first = page.wait("luxel.state()", WAIT_S, lambda state: state["visible"] > 100)
-    assert first["ready"] < first["visible"]
+    first = page.wait("luxel.state()", WAIT_S, lambda state: state["settled"] and state["visible"] > 100)
+    assert first["ready"] == first["coarse"] == 0
+    agree(page, viewer, LOOK, "bare")
+    page.wait("0", WAIT_S, lambda _: viewer.session.status().queued == first["visible"])
+    SIGHTED.set()
+    dawned = page.wait("luxel.state()", WAIT_S, lambda state: state["coarse"] == state["visible"])
+    assert dawned["ready"] == 0
+    agree(page, viewer, LOOK, "first-light")
+    DAWNED.set()
     last = settle(page)
     assert last["received"] >= last["visible"] > 1000
     assert last["visible"] < 0.5 * last["particles"]  # what is hidden was never asked for

@@ -19,7 +19,7 @@ IDS = np.array([3, 1, 4], np.int32)
 FROM_PAGE = [
     protocol.Hello("ANGLE"),
     protocol.Sighted("ab12", IDS, (0.5, -1.0, 2.0)),
-    protocol.Confirm(7),
+    protocol.Confirm(7, 2),
     protocol.SetLight("ao", 0.5, 1.25, (195.0, 50.0, 2.0, 15.0)),
     protocol.SetLight(sky=0.0),
     protocol.SetFrame(3),
@@ -34,6 +34,7 @@ FROM_SERVER = [
     protocol.Tiles("ab12", IDS, np.arange(3 * 16, dtype=np.uint8).reshape(3, 4, 4)),
     protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
     protocol.Error("no such scalar"),
+    protocol.Coarse("ab12", IDS, np.arange(12, dtype=np.float16).reshape(3, 4)),
 ]
 
 
@@ -103,9 +104,10 @@ def message(kind: int, head: object, tail: bytes = b"") -> bytes:
         message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": ["O", [1]]}}, bytes(4)),
         message(2, {"key": "k", "eye": [0, 0, 0], "arrays": {"ids": [["i4"], [1]]}}, bytes(4)),
         message(2, {"key": "k", "eye": [0, 0, 0], "arrays": [1]}),
-        message(3, {"batches": -1}),
-        message(3, {"batches": True}),
-        message(3, {"batches": 1.5}),
+        message(3, {"batches": -1, "coarse": 0}),
+        message(3, {"batches": True, "coarse": 0}),
+        message(3, {"batches": 1.5, "coarse": 0}),
+        message(3, {"batches": 1}),
         message(4, {"sky": "bright"}),
         message(4, {"sun": [1, 2, 3]}),
         message(5, {"frame": None}),
@@ -135,7 +137,7 @@ JSON = st.recursive(
     max_leaves=8,
 )
 NAMES = st.sampled_from(
-    ["key", "eye", "batches", "model", "sky", "sun", "frame", "name", "text", "renderer", "arrays"]
+    ["key", "eye", "batches", "coarse", "model", "sky", "sun", "frame", "name", "text", "renderer", "arrays"]
 )
 
 
@@ -202,6 +204,32 @@ def test_feed_waits_for_confirmation() -> None:
         feed.confirm(confirmed)
         second += drain(feed)
     assert first + second == ids.tolist()
+
+
+def test_feed_sends_what_the_page_keeps_once_only() -> None:
+    feed = Feed(2, once=True)
+    feed.reset(10)
+    feed.want(np.array([1, 2, 3], np.int32))
+    feed.publish(np.array([1, 2, 3], np.int32))
+    assert [each.tolist() for each in (feed.take(), feed.take())] == [[1, 2], [3]]
+    feed.confirm(2)
+    feed.want(np.array([2, 3, 4], np.int32))
+    feed.publish(np.array([2, 3, 4], np.int32))
+    assert drain(feed) == [4]
+    feed.reset(10)  # another light
+    feed.want(np.array([2], np.int32))
+    feed.publish(np.array([2], np.int32))
+    assert drain(feed) == [2]
+
+
+def test_coarse_records_keep_their_luminance() -> None:
+    records = np.array([[0, 0, 0, 0], [1e-3, -1, 2, 0.5], [3e4, -3e4, 0, 1]], np.float32)
+    for scale in (1e-6, 1.0, 4e5):
+        sent = protocol.decode(protocol.Coarse.of("k", IDS, records * np.float32(scale), scale).encode())
+        assert isinstance(sent, protocol.Coarse)
+        np.testing.assert_allclose(sent.records.astype(np.float32), records, rtol=1e-3)
+        assert np.isfinite(sent.records).all()
+    assert np.isfinite(protocol.Coarse.of("k", IDS, records, 1e-3).records).all()
 
 
 def test_feed_forgets_what_an_old_light_wanted() -> None:

@@ -24,13 +24,19 @@ from luxel.textures.spec import TextureSpec
 from luxel.trace.spheres import SphereSet
 from tests.scenes import cloud
 
-COUNT = 3000
+COUNT = 6000  # more than the tiles of four full messages, 1024 each
 TEXELS = 4
 GUARD_S = 15.0
 
 
 class InstantBaker:
     """Every texel of particle k is k modulo 251."""
+
+    def first_light(self, ids: np.ndarray) -> np.ndarray:
+        return np.repeat(ids[:, None] % 251, 4, axis=1).astype(np.float32)
+
+    def prepare(self, threads: int) -> None:
+        """Nothing to learn."""
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
         codes[:] = (ids % 251).astype(np.uint8)[:, None, None]
@@ -182,7 +188,7 @@ def test_bad_messages_close_that_socket_only(viewer: Viewer) -> None:
     for say, hello in [
         (lambda c: c.socket.send("text"), True),
         (lambda c: c.socket.send_binary(b"\0" * 12), True),
-        (lambda c: c.send(protocol.Confirm(0)), False),
+        (lambda c: c.send(protocol.Confirm(0, 0)), False),
         (lambda c: c.send(bad_ids), True),
     ]:
         client = Client(viewer, hello=hello)
@@ -226,6 +232,25 @@ def test_tiles_come_for_what_is_sighted(viewer: Viewer) -> None:
     assert found == {k: k % 251 for k in wanted.tolist()}
 
 
+def test_first_light_comes_before_tiles_and_only_once(viewer: Viewer) -> None:
+    client = Client(viewer)
+    light = client.next(protocol.LightState)
+    wanted = np.arange(10, 2000, dtype=np.int32)
+    client.send(protocol.Sighted(light.key, wanted, (0.0, 0.0, 5.0)))
+    first = client.next(protocol.Coarse)
+    assert not any(isinstance(each, protocol.Tiles) for each in client.heard)
+    found: list[int] = first.ids.tolist()
+    while len(found) < len(wanted):
+        found += client.next(protocol.Coarse).ids.tolist()
+    assert sorted(found) == wanted.tolist()
+    assert first.key == light.key
+    luminance = first.records.astype(np.float32) * light.decoding[255]
+    np.testing.assert_allclose(luminance, np.repeat(first.ids[:, None] % 251, 4, axis=1), rtol=1e-3)
+    viewer.session.wait(GUARD_S)
+    client.send(protocol.Sighted(light.key, np.arange(1990, 2010, dtype=np.int32), (0.0, 0.0, 5.0)))
+    assert sorted(client.next(protocol.Coarse).ids.tolist()) == list(range(2000, 2010))
+
+
 def test_second_page_gets_what_is_ready_at_once_and_only_what_it_wants(viewer: Viewer) -> None:
     first, second = Client(viewer), Client(viewer)
     key = first.next(protocol.LightState).key
@@ -243,7 +268,7 @@ def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
     client = Client(viewer)
     key = client.next(protocol.LightState).key
     client.send(protocol.Sighted(key, np.arange(COUNT, dtype=np.int32), (0, 0, 5)))
-    for _ in range(4):
+    for _ in range(4):  # full or not: COUNT tiles do not fit
         client.next(protocol.Tiles)
     assert viewer.session.wait(30)
     client.send(protocol.ScalarRequest("value"))  # answered although tiles wait
@@ -254,7 +279,7 @@ def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
     confirmed = 0
     while sent < COUNT:
         confirmed += 1
-        client.send(protocol.Confirm(confirmed))
+        client.send(protocol.Confirm(confirmed, 1))
         sent += len(client.next(protocol.Tiles).ids)
     assert sent == COUNT
 

@@ -24,6 +24,11 @@ def code_of(key: str, ids: np.ndarray) -> np.ndarray:
     return ((ids.astype(np.int64) * 7 + zlib.crc32(key.encode())) % 251).astype(np.uint8)
 
 
+def record_of(key: str, ids: np.ndarray) -> np.ndarray:
+    """(K, 4) float32: their first light."""
+    return code_of(key, ids)[:, None] + np.arange(4, dtype=np.float32)
+
+
 class Clock:
     def __init__(self) -> None:
         self.now_s = 100.0
@@ -41,11 +46,22 @@ class FakeBaker:
         self.key, self.clock, self.texture_s = key, clock, texture_s
         self.bad = set(bad)
         self.batches: list[list[int]] = []
+        self.work: list[tuple[str, list[int]]] = []  # all that was asked of it, in order
         self.lock = threading.Lock()
+
+    def first_light(self, ids: np.ndarray) -> np.ndarray:
+        with self.lock:
+            self.work.append(("first light", ids.tolist()))
+        return record_of(self.key, ids)
+
+    def prepare(self, threads: int) -> None:
+        with self.lock:
+            self.work.append(("prepare", []))
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
         with self.lock:
             self.batches.append(ids.tolist())
+            self.work.append(("bake", ids.tolist()))
         if self.clock is not None:
             self.clock.now_s += self.texture_s * len(ids)
         codes[:] = 99  # a batch that fails must not leave this behind
@@ -79,6 +95,8 @@ class Stage:
         self.wrong: list[str] = []
         self._lock = threading.Lock()
         self.engine.subscribe(self.listen)
+        self.dawned: list[tuple[str, int]] = []
+        self.engine.subscribe_coarse(self.listen_coarse)
 
     def listen(self, batch) -> None:
         with self._lock:
@@ -86,6 +104,12 @@ class Stage:
             if batch.stale:
                 self.stale.add(batch.key)
             if not (batch.codes == code_of(batch.key, batch.ids)[:, None, None]).all():
+                self.wrong.append(batch.key)
+
+    def listen_coarse(self, batch) -> None:
+        with self._lock:
+            self.dawned += [(batch.key, each) for each in batch.ids.tolist()]
+            if not (batch.records == record_of(batch.key, batch.ids)).all():
                 self.wrong.append(batch.key)
 
     def make(self, key: str) -> FakeBaker:

@@ -1,4 +1,4 @@
-"""Which finished tiles one page still has to get. Free of input and output."""
+"""Which finished tiles, or coarse records, one page still has to get. Free of input and output."""
 
 from __future__ import annotations
 
@@ -17,9 +17,19 @@ class Feed:
     """Tiles for one page under one light: those it wants, in the order they got ready, never too many at once.
 
     Not thread-safe; belongs to the event loop.
+
+    Parameters
+    ----------
+    batch_count
+        Tiles in one message at most.
+    once
+        Whether the page keeps all it gets until :meth:`reset`: then nothing is sent a second time.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, batch_count: int = _BATCH_COUNT, *, once: bool = False) -> None:
+        self._batch_count = batch_count
+        self._once = once
+        self._sent = np.zeros(0, dtype=np.bool_)
         self._wanted = np.zeros(0, dtype=np.bool_)
         self._ready: deque[NDArray[np.int32]] = deque()
         self._in_flight: deque[NDArray[np.int32]] = deque()
@@ -28,6 +38,7 @@ class Feed:
     def reset(self, count: int) -> None:
         """Forget what was wanted: another light or another data set of `count` particles."""
         self._wanted = np.zeros(count, dtype=np.bool_)
+        self._sent = np.zeros(count if self._once else 0, dtype=np.bool_)
         self._ready.clear()
         # Batches on their way still count against the window, but their ids mean nothing any more.
         self._in_flight = deque(np.zeros(0, dtype=np.int32) for _ in self._in_flight)
@@ -35,7 +46,7 @@ class Feed:
     def want(self, ids: NDArray[np.int32]) -> None:
         """Replace the wanted set by `ids`, less those on their way."""
         self._wanted[:] = False
-        self._wanted[ids] = True
+        self._wanted[ids[~self._sent[ids]] if self._once else ids] = True
         for batch in self._in_flight:
             self._wanted[batch] = False
 
@@ -55,7 +66,7 @@ class Feed:
         if len(self._in_flight) >= _IN_FLIGHT_MAX:
             return None
         taken: list[NDArray[np.int32]] = []
-        room = _BATCH_COUNT
+        room = self._batch_count
         while self._ready and room:
             ids = self._ready.popleft()
             ids = ids[self._wanted[ids]]  # published twice, or no longer wanted
@@ -68,6 +79,8 @@ class Feed:
         batch = np.concatenate(taken) if taken else np.zeros(0, dtype=np.int32)
         if not len(batch):
             return None
+        if self._once:
+            self._sent[batch] = True
         self._in_flight.append(batch)
         return batch
 

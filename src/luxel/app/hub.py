@@ -14,7 +14,7 @@ import numpy as np
 
 from luxel.app import protocol, state
 from luxel.app.feed import Feed
-from luxel.dynamic.engine import TileBatch
+from luxel.dynamic.work import CoarseBatch, TileBatch
 from luxel.errors import InputError, LuxelError, ProtocolError
 from luxel.particles import Particles
 from luxel.session import Session
@@ -24,6 +24,7 @@ __all__ = ["Hub", "Page"]
 
 _log = logging.getLogger(__name__)
 _STATUS_PERIOD_S = 0.25
+_COARSE_COUNT = 8192  # records in one message: 96 kB
 _IDLE_PERIOD_S = 0.5  # between looks whether somebody changed the session from Python
 
 
@@ -37,6 +38,7 @@ class Page:
     def __init__(self, name: str) -> None:
         self.name = name
         self.feed = Feed()
+        self.coarse = Feed(_COARSE_COUNT, once=True)
         self.greeted = False
         self.wake = asyncio.Event()
         self._outbox: dict[object, Callable[[], protocol.Message]] = {}
@@ -46,6 +48,11 @@ class Page:
         self._outbox.pop(key, None)
         self._outbox[key] = make
         self.wake.set()
+
+    def reset(self, count: int) -> None:
+        """Forget what it wants and has: another light, or another data set of `count` particles."""
+        self.feed.reset(count)
+        self.coarse.reset(count)
 
     def clear(self) -> None:
         """Drop what has not been sent: it is about another data set."""
@@ -74,7 +81,7 @@ class Hub:
         self._particles: Particles | None = None
         self._key = ""
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._unsubscribe: Callable[[], None] | None = None
+        self._unsubscribe: tuple[Callable[[], None], ...] = ()
         self._status_timer: asyncio.TimerHandle | None = None
         self._status_sent: protocol.Status | None = None
         self._chase: asyncio.Future[None] | None = None
@@ -82,12 +89,13 @@ class Hub:
     def start(self) -> None:
         """Begin to listen to the session; called on the event loop."""
         self._loop = asyncio.get_running_loop()
-        self._unsubscribe = self.session.subscribe(self._hear)
+        session = self.session
+        self._unsubscribe = (session.subscribe(self._hear), session.subscribe_coarse(self._hear))
 
     def stop(self) -> None:
         """Stop listening."""
-        if self._unsubscribe is not None:
-            self._unsubscribe()
+        for unsubscribe in self._unsubscribe:
+            unsubscribe()
         if self._status_timer is not None:
             self._status_timer.cancel()
 
@@ -125,6 +133,11 @@ class Hub:
         posted = page.next_posted()
         if posted is not None or not page.greeted:
             return posted
+        while (ids := page.coarse.take()) is not None:
+            first = self.session.first_light(ids, self._key)
+            if len(first):
+                return protocol.Coarse.of(self._key, first.ids, first.records, self.session.scale)
+            page.coarse.withdraw()  # the light has just changed
         while (ids := page.feed.take()) is not None:
             batch = self.session.tiles(ids, self._key)
             if len(batch.ids):
@@ -146,6 +159,7 @@ class Hub:
                 await self._sighted(page, message)
             case protocol.Confirm():
                 page.feed.confirm(message.batches)
+                page.coarse.confirm(message.coarse)
                 page.wake.set()
             case protocol.SetLight():
                 await self._set_light(message)
@@ -172,11 +186,15 @@ class Hub:
         if len(ids) and (ids[0] < 0 or ids[-1] >= len(particles)):
             raise ProtocolError(f"ids must lie in 0..{len(particles) - 1}, got {ids[0]}..{ids[-1]}")
         page.feed.want(ids)
+        page.coarse.want(ids)
         spheres = SphereSet.of(particles)
         eye = spheres.center + spheres.unit * np.asarray(message.eye)
         await asyncio.to_thread(self.session.sighted, ids, eye, page.name, message.key)
         ready = await asyncio.to_thread(self.session.tiles, ids, message.key)
-        if message.key == self._key and page.feed.publish(ready.ids):
+        first = await asyncio.to_thread(self.session.first_light, ids, message.key)
+        if message.key == self._key:
+            page.feed.publish(ready.ids)
+            page.coarse.publish(np.setdiff1d(first.ids, ready.ids, assume_unique=True))
             page.wake.set()
         self._status_soon()
 
@@ -213,14 +231,14 @@ class Hub:
             made = state.light_state(session)
             for page in self.pages:
                 if page.greeted:
-                    page.feed.reset(len(session.particles))
+                    page.reset(len(session.particles))
                     page.post("light", lambda: made)
             self._status_soon()
 
     def _introduce(self, page: Page) -> None:
         """Post the whole scene."""
         particles = self.session.particles
-        page.feed.reset(len(particles))
+        page.reset(len(particles))
         epoch = self._epoch
         page.post("scene", functools.partial(state.scene_state, self.session, epoch, self.notice))
         page.post("light", functools.partial(state.light_state, self.session))
@@ -228,17 +246,18 @@ class Hub:
             page.post(("geometry", part.start), functools.partial(_same, part))
         page.post("status", functools.partial(state.status, self.session))
 
-    def _hear(self, batch: TileBatch) -> None:
-        """Hear of finished tiles; called from the worker threads of the session."""
+    def _hear(self, batch: TileBatch | CoarseBatch) -> None:
+        """Hear of finished work; called from the worker threads of the session."""
         if self._loop is not None:
             with contextlib.suppress(RuntimeError):  # the loop has just closed
-                self._loop.call_soon_threadsafe(self._publish, batch.key, batch.ids)
+                self._loop.call_soon_threadsafe(self._publish, batch)
 
-    def _publish(self, key: str, ids: Any) -> None:
+    def _publish(self, batch: TileBatch | CoarseBatch) -> None:
         self.notice = ""  # what there was to wait for is over
-        if key == self._key:
+        if batch.key == self._key:
             for page in self.pages:
-                if page.feed.publish(ids):
+                feed = page.coarse if isinstance(batch, CoarseBatch) else page.feed
+                if feed.publish(batch.ids):
                     page.wake.set()
         self._status_soon()
 

@@ -19,6 +19,7 @@ __all__ = [
     "CLIENT_BYTES_MAX",
     "SUBPROTOCOL",
     "ClientMessage",
+    "Coarse",
     "Colormap",
     "ColormapRequest",
     "Confirm",
@@ -40,7 +41,7 @@ __all__ = [
     "decode_client",
 ]
 
-SUBPROTOCOL = "luxel.v1"
+SUBPROTOCOL = "luxel.v2"
 #: Longest message that a client may send: the ids of two million visible particles.
 CLIENT_BYTES_MAX = 8 << 20
 _TEXT_MAX = 4000
@@ -99,10 +100,11 @@ class Sighted(Message):
 
 @dataclass(frozen=True, eq=False)
 class Confirm(Message):
-    """The page has taken in `batches` tile messages since it connected."""
+    """The page has taken in `batches` tile messages and `coarse` messages of first light since it connected."""
 
     kind: ClassVar[int] = 3
     batches: int
+    coarse: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,9 +315,36 @@ class Error(Message):
     text: str
 
 
+@dataclass(frozen=True, eq=False)
+class Coarse(Message):
+    """First light under the light `key`: what the page shows of particles whose texture has not come yet.
+
+    Parameters
+    ----------
+    ids
+        (K,) int32; each is sent once to a page and light.
+    records
+        (K, 4) float16 (c0, c1, c2, c3): luminance towards the unit normal n is the last entry of the light's
+        `decoding` times max(0, c0 + c1 nx + c2 ny + c3 nz); c0 >= 0. Half precision is 11 bits, more than tiles
+        have, and eight bytes a particle is what a page uploads as it is.
+    """
+
+    kind: ClassVar[int] = 24
+    key: str
+    ids: NDArray[np.int32]
+    records: NDArray[np.float16]
+
+    @classmethod
+    def of(cls, key: str, ids: NDArray[np.int32], records: NDArray[np.float32], scale: float) -> Coarse:
+        """Pack (K, 4) records of luminance, where `scale` is the luminance of code 255."""
+        half = np.finfo(np.float16).max
+        return cls(key, ids, np.clip(records / np.float32(scale), -half, half).astype(np.float16))
+
+
 ClientMessage = Hello | Sighted | Confirm | SetLight | SetFrame | ScalarRequest | ColormapRequest | Report
 _SERVER_KINDS: dict[int, type[Message]] = {
-    each.kind: each for each in (SceneState, LightState, Geometry, Scalar, Colormap, Tiles, Status, Error)
+    each.kind: each
+    for each in (SceneState, LightState, Geometry, Scalar, Colormap, Tiles, Status, Error, Coarse)
 }
 
 
@@ -337,7 +366,7 @@ def decode_client(data: bytes) -> ClientMessage:
             eye = _numbers(head, "eye", 3)
             return Sighted(_text(head, "key", 128), _ids(arrays), (eye[0], eye[1], eye[2]))
         case Confirm.kind:
-            return Confirm(_whole(head, "batches"))
+            return Confirm(_whole(head, "batches"), _whole(head, "coarse"))
         case SetLight.kind:
             sun = None if head.get("sun") is None else _numbers(head, "sun", 4)
             return SetLight(

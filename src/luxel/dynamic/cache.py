@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from luxel.dynamic.pool import Reader, TilePool
 from luxel.errors import InputError
 from luxel.light.mapping import Mapping
-from luxel.textures.textures import Encoding, TextureTable, decoding_table
+from luxel.textures.textures import NO_COARSE, Encoding, TextureTable, decoding_table
 
 __all__ = ["BAKING", "FAILED", "MISSING", "QUEUED", "READY", "CacheStats", "Counts", "TextureCache"]
 
@@ -26,6 +26,7 @@ _STATE_COUNT = 5
 _EVICTION_SHARE = 1 / 32
 # A particle of a light key costs 5 bytes of bookkeeping even without a tile, so old keys are dropped.
 _MAX_LIGHTS = 16
+_COARSE_BYTES = 16
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class CacheStats:
     dropped
         Finished tiles that found no room, or whose light key was gone.
     nbytes
-        Bytes of the tiles held now.
+        Bytes of the tiles and coarse records held now.
     """
 
     hits: int = 0
@@ -75,6 +76,7 @@ class _Light:
     state: NDArray[np.uint8]
     slot: Ids
     counts: NDArray[np.int64]
+    coarse: NDArray[np.float32] = field(default_factory=lambda: NO_COARSE)
     table: TextureTable | None = None  # what snapshot() gave last, while it is still true
     readers: list[Reader] = field(default_factory=list)
 
@@ -86,6 +88,9 @@ class TextureCache:
     evicted in the order in which they were seen last, and never while the latest sighting of some client shows them.
     A sighting is what :meth:`see` is told; a tile also counts as seen when it is published.
 
+    The coarse records of the light key begun last are kept too, 16 bytes for each of its particles, unless that is more than half
+    of the budget.
+
     Safe to use from several threads: the cache owns its lock, takes it within each method and calls nobody else
     while it holds it. There is no thread and no clock inside.
 
@@ -94,7 +99,7 @@ class TextureCache:
     texels
         Rows and columns of every tile.
     max_bytes
-        Budget for texels; at least one tile is kept.
+        Budget for texels and coarse records; at least one tile is kept.
     mapping
         From texels to directions, for renderers.
     """
@@ -106,7 +111,7 @@ class TextureCache:
         self.max_bytes = max_bytes
         self.mapping: Mapping = mapping
         self._lock = threading.Lock()
-        self._pool = TilePool(texels, min(max(1, max_bytes // (texels * texels)), 2**31 - 1))
+        self._pool = TilePool(texels, self._tile_count(max_bytes))
         self._lights: dict[str, _Light] = {}  # in the order of their latest begin()
         self._by_number: dict[int, _Light] = {}
         self._light_count = 0
@@ -116,13 +121,13 @@ class TextureCache:
 
     @property
     def capacity(self) -> int:
-        """Tiles that the budget holds."""
+        """Tiles that the budget holds besides the coarse records."""
         return self._pool.capacity
 
     def begin(self, key: str, count: int, scale: float, encoding: Encoding) -> None:
         """Make room for a light key with `count` particles whose codes mean `scale` and `encoding`.
 
-        Doing so again only marks the key as recently used.
+        Doing so again only marks the key as recently used. Coarse records of all other keys are dropped.
 
         Raises
         ------
@@ -147,6 +152,12 @@ class TextureCache:
                 )
             while len(self._lights) > _MAX_LIGHTS:
                 self._drop(next(iter(self._lights.values())))
+            for other in self._lights.values():
+                if other is not light and len(other.coarse):
+                    other.coarse, other.table = NO_COARSE, None
+            reserved = _COARSE_BYTES * count if self._affords_coarse(light) else 0
+            self._pool.capacity = self._tile_count(self.max_bytes - reserved)
+            self._evict(len(self._pool.used()) - self.capacity)
 
     def see(self, key: str, ids: Ids, client: str = "") -> NDArray[np.bool_]:
         """Note the latest sighting of a client; return (K,) True where a tile should be requested.
@@ -252,6 +263,41 @@ class TextureCache:
             ready = slots >= 0
             return ready, self._pool.codes[slots[ready]]
 
+    def put_coarse(self, key: str, ids: Ids, records: NDArray[np.float32]) -> bool:
+        """Keep coarse records, (K, 4) of (K,) `ids`; False if `key` is not the one begun last, or they cost too much."""
+        with self._lock:
+            light = self._newest(key)
+            if light is None or not self._affords_coarse(light):
+                return False
+            if not len(light.coarse):
+                light.coarse = np.full((len(light.state), 4), -1, dtype=np.float32)
+            elif light.table is not None or _living(light):  # snapshots hold it
+                light.coarse = light.coarse.copy()
+            light.coarse[ids] = records
+            light.table = None
+            return True
+
+    def lacks_coarse(self, key: str, ids: Ids) -> NDArray[np.bool_]:
+        """Return (K,) True where :meth:`put_coarse` would be welcome."""
+        with self._lock:
+            light = self._newest(key)
+            if light is None or not self._affords_coarse(light):
+                return np.zeros(len(ids), dtype=bool)
+            lacking: NDArray[np.bool_] = (
+                light.coarse[ids, 0] < 0 if len(light.coarse) else np.ones(len(ids), bool)
+            )
+            return lacking
+
+    def lookup_coarse(self, key: str, ids: Ids) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
+        """Return (K,) bool, which of `ids` have a coarse record, and a copy of those (K', 4) float32."""
+        with self._lock:
+            light = self._lights.get(key)
+            if light is None or not len(light.coarse):
+                return np.zeros(len(ids), dtype=bool), NO_COARSE
+            records = light.coarse[ids]
+            there = records[:, 0] >= 0
+            return there, records[there]
+
     def snapshot(self, key: str) -> TextureTable | None:
         """Return a table for renderers that never changes, or None for an unknown key.
 
@@ -263,7 +309,8 @@ class TextureCache:
                 return None
             if light.table is None:
                 # Not flagged read-only: Numba would compile every kernel a second time for such arrays.
-                light.table = TextureTable(light.slot.copy(), self._pool.codes, light.decoding, self.mapping)
+                slot, codes = light.slot.copy(), self._pool.codes
+                light.table = TextureTable(slot, codes, light.decoding, self.mapping, light.coarse)
                 light.readers = [*_living(light), weakref.ref(light.table.slot)]
             return light.table
 
@@ -283,9 +330,20 @@ class TextureCache:
         """Counters of the whole cache."""
         with self._lock:
             nbytes = self._pool.tile_bytes * sum(int(light.counts[READY]) for light in self._lights.values())
+            nbytes += sum(light.coarse.nbytes for light in self._lights.values())
             return CacheStats(self._hits, self._misses, self._published, self._evicted, self._dropped, nbytes)
 
     # What follows runs under the lock.
+
+    def _newest(self, key: str) -> _Light | None:
+        newest = next(reversed(self._lights.values()), None)
+        return newest if newest is not None and newest.key == key else None
+
+    def _affords_coarse(self, light: _Light) -> bool:
+        return _COARSE_BYTES * len(light.state) <= self.max_bytes // 2
+
+    def _tile_count(self, nbytes: int) -> int:
+        return min(max(1, nbytes // (self.texels * self.texels)), 2**31 - 1)
 
     def _mark(self, key: str, ids: Ids, source: tuple[int, ...], target: int) -> None:
         with self._lock:
@@ -306,6 +364,8 @@ class TextureCache:
         return mask
 
     def _evict(self, count: int) -> None:
+        if count <= 0:
+            return
         used = self._pool.used()
         candidates = used[~self._protected()[used]]
         count = min(max(count, int(self.capacity * _EVICTION_SHARE)), len(candidates))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import functools
 import logging
 import math
 import os
@@ -13,7 +14,6 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,69 +21,45 @@ from numpy.typing import NDArray
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.pace import Pace
 from luxel.dynamic.queue import RequestQueue, priority
+from luxel.dynamic.work import (
+    CoarseBatch,
+    CoarseListener,
+    Listener,
+    Listeners,
+    MakeBaker,
+    TileBaker,
+    TileBatch,
+)
 from luxel.errors import SessionClosedError
 from luxel.textures.textures import Encoding
 
-__all__ = ["Engine", "Listener", "TileBaker", "TileBatch"]
+__all__ = ["Engine"]
 
 log = logging.getLogger(__name__)
 
 Ids = NDArray[np.int32]
+Job = Callable[[], None]
 
 _MAX_ATTEMPTS = 3
 _BAKERS_KEPT = 3  # an undone slider finds its tree and filter again
 _CLOSE_TIMEOUT_S = 5.0
+_FIRST_LIGHT_COUNT = 1024  # particles in a batch: about a tenth of a second
 
 
-class TileBaker(Protocol):
-    """What the engine needs of :class:`luxel.textures.bake.Baker`."""
+@dataclass(eq=False)
+class _Workshop:
+    """The baker of one light key, and whether it is prepared for textures: not yet, just now, or since."""
 
-    def bake_into(self, ids: Ids, codes: NDArray[np.uint8]) -> int:
-        """Fill (K, texels, texels) `codes` for (K,) `ids`; return the clipped texels. Called from several threads."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class TileBatch:
-    """Finished textures of one light key.
-
-    Parameters
-    ----------
-    key
-        Their light key.
-    ids
-        (K,) int32 particle ids.
-    codes
-        (K, texels, texels) uint8.
-    stale
-        Whether the light had changed when they were finished.
-    """
-
-    key: str
-    ids: Ids
-    codes: NDArray[np.uint8]
-    stale: bool = False
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-
-Listener = Callable[[TileBatch], None]
-MakeBaker = Callable[[], TileBaker]
-
-
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """One piece of work: bake `ids`, or, without a baker, make one."""
-
-    key: str
-    baker: TileBaker | None
-    make: MakeBaker
-    ids: Ids
+    baker: TileBaker
+    preparing: bool = False
+    prepared: bool = False
 
 
 class Engine:
     """Bakes what is requested, best first, and tells listeners.
+
+    What has neither texture nor coarse record gets its first light, a record that costs a sixteenth of a texture,
+    before any texture is baked, and even if the cache has no room for its texture.
 
     One light key is current (:meth:`select`); requests for another are ignored. Work that waits for an old key is
     cancelled; what is being baked for it is finished and cached under its own key.
@@ -92,7 +68,7 @@ class Engine:
     ``threads=0`` nothing happens until somebody calls :meth:`run_once` or :meth:`run_for`: the per-frame callback of
     the paper. Both ways may be used together.
 
-    Safe to use from several threads: the engine owns one lock, which also guards `queue`; it calls the cache, but
+    Safe to use from several threads: the engine owns one lock, which also guards its queues; it calls the cache, but
     neither bakers nor listeners, while it holds it.
 
     Parameters
@@ -100,7 +76,7 @@ class Engine:
     cache
         Where tiles are published.
     queue
-        Where requests wait; used by this engine alone.
+        Where requests for textures wait; used by this engine alone.
     threads
         Worker threads; 0 for none.
     clock
@@ -118,18 +94,23 @@ class Engine:
         self.cache = cache
         self.thread_count = threads
         self._queue = RequestQueue() if queue is None else queue
+        self._dark = RequestQueue(self._queue.expiry_s, self._queue.max_count)  # requests for first light
+        self._dawning: list[Ids] = []  # whose first light is being made
         self._clock = clock
         self._lock = threading.Lock()
         self._work = threading.Condition(self._lock)
         self._idle = threading.Condition(self._lock)
         self._threads: list[threading.Thread] = []
-        self._listeners: tuple[Listener, ...] = ()
+        self._tiles_heard: Listeners[TileBatch] = Listeners()
+        self._coarse_heard: Listeners[CoarseBatch] = Listeners()
         self._closed = False
         self._key = ""
         self._make: MakeBaker | None = None
-        self._bakers: OrderedDict[str, TileBaker] = OrderedDict()
+        self._workshops: OrderedDict[str, _Workshop] = OrderedDict()
         self._building: set[str] = set()
-        self._attempts: dict[tuple[str, int], int] = {}  # failures of a particle, or of a baker under id -1
+        self._attempts: dict[
+            tuple[str, int], int
+        ] = {}  # failures of a particle, of a baker under id -1, of first light under id -2
         self._busy = 0
         self._pace = Pace()
         self._error: str | None = None
@@ -154,8 +135,8 @@ class Engine:
             self._check_open()
             if key == self._key:
                 return
-            for other in self._queue.keys():  # noqa: SIM118  it is no mapping
-                self.cache.release(other, self._queue.cancel(other))
+            for other in {*self._queue.keys(), *self._dark.keys()}:
+                self._cancel(other)
             self.cache.begin(key, count, scale, encoding)
             self._key, self._make, self._error = key, make_baker, None
             self._attempts = {}
@@ -184,16 +165,17 @@ class Engine:
             if (key, -1) in self._attempts and self._attempts[key, -1] >= _MAX_ATTEMPTS:
                 return 0
             ids, distance = ids[wanted], distance[wanted]
+            now_s = self._clock()
+            self._request_first_light(key, ids, distance, now_s, client)
             room = self.cache.room()
             self._over_budget[client] = max(0, len(ids) - room)
             if len(ids) > room:  # baking more would only evict what is on the screen
                 nearest = np.argsort(distance, kind="stable")[:room]
                 ids, distance = ids[nearest], distance[nearest]
-            now_s = self._clock()
             gone = self._queue.push(key, ids, priority(now_s, distance), now_s, client)
             self.cache.mark_queued(key, ids)
             self.cache.release(key, gone)
-            if len(self._queue):
+            if len(self._queue) or len(self._dark):
                 self._start_threads()
                 self._work.notify_all()
             else:
@@ -205,6 +187,7 @@ class Engine:
         with self._lock:
             for key, ids in self._queue.forget(client):
                 self.cache.release(key, ids)
+            self._dark.forget(client)
             self.cache.forget(client)
             self._over_budget.pop(client, None)
             self._notify_if_idle()
@@ -213,16 +196,16 @@ class Engine:
         """Call `listener` with every finished batch, on the thread that baked it; return what ends that."""
         with self._lock:
             self._check_open()
-            self._listeners = (*self._listeners, listener)
+            return self._tiles_heard.add(listener)
 
-        def unsubscribe() -> None:
-            with self._lock:
-                self._listeners = tuple(each for each in self._listeners if each is not listener)
-
-        return unsubscribe
+    def subscribe_coarse(self, listener: CoarseListener) -> Callable[[], None]:
+        """Call `listener` with every batch of first light, on the thread that made it; return what ends that."""
+        with self._lock:
+            self._check_open()
+            return self._coarse_heard.add(listener)
 
     def run_once(self) -> bool:
-        """Do one piece of work on the caller's thread: make a baker or bake a batch. False if there is none."""
+        """Do one piece of work on the caller's thread, such as to bake a batch. False if there is none."""
         with self._lock:
             self._check_open()
             job = self._take()
@@ -280,7 +263,8 @@ class Engine:
         """Stop after the batches in progress and join the threads. Later use raises; closing twice does not."""
         with self._lock:
             self._closed = True
-            self._listeners = ()
+            self._tiles_heard.clear()
+            self._coarse_heard.clear()
             self._work.notify_all()
             self._idle.notify_all()
             threads, self._threads = self._threads, []
@@ -305,61 +289,77 @@ class Engine:
                 return
             self._do(job)
 
-    def _do(self, job: _Job) -> None:
+    def _do(self, job: Job) -> None:
         try:
-            if job.baker is None:
-                self._build(job)
-            else:
-                self._bake(job, job.baker)
+            job()
         finally:
             with self._lock:
                 self._busy -= 1
                 self._notify_if_idle()
 
-    def _build(self, job: _Job) -> None:
+    def _build(self, key: str, make: MakeBaker) -> None:
         try:
-            baker = job.make()
+            baker = make()
         except Exception as error:
-            log.exception("no baker for light key %s", job.key)
+            log.exception("no baker for light key %s", key)
             with self._lock:
-                self._building.discard(job.key)
-                if self._record_failure(job.key, -1, error) >= _MAX_ATTEMPTS:
-                    self.cache.release(job.key, self._queue.cancel(job.key))
-                self._work.notify_all()
+                self._building.discard(key)
+                self._record_baker_failure(key, error)
         else:
             with self._lock:
-                self._building.discard(job.key)
-                self._bakers[job.key] = baker
-                while len(self._bakers) > _BAKERS_KEPT:
-                    self._bakers.popitem(last=False)
+                self._building.discard(key)
+                self._workshops[key] = _Workshop(baker)
+                while len(self._workshops) > _BAKERS_KEPT:
+                    self._workshops.popitem(last=False)
                 self._work.notify_all()
 
-    def _bake(self, job: _Job, baker: TileBaker) -> None:
+    def _prepare(self, key: str, shop: _Workshop) -> None:
+        try:
+            shop.baker.prepare(max(1, self.thread_count))
+        except Exception as error:
+            log.exception("the baker of light key %s is not ready for textures", key)
+            with self._lock:
+                shop.preparing = False
+                self._record_baker_failure(key, error)
+        else:
+            with self._lock:
+                shop.preparing, shop.prepared = False, True
+                self._work.notify_all()
+
+    def _first_light(self, key: str, baker: TileBaker, ids: Ids) -> None:
+        try:
+            batch = CoarseBatch(key, ids, baker.first_light(ids))
+            kept = self.cache.put_coarse(key, ids, batch.records)
+        except Exception as error:
+            log.exception("first light of light key %s failed", key)
+            kept = False
+            with self._lock:
+                if self._record_failure(key, -2, error) >= _MAX_ATTEMPTS:
+                    self._dark.cancel(key)
+        with self._lock:
+            self._dawning = [each for each in self._dawning if each is not ids]
+        if kept:
+            self._coarse_heard.tell(batch)
+
+    def _bake(self, key: str, baker: TileBaker, ids: Ids) -> None:
         start_s = self._clock()
         try:
-            codes = np.empty((len(job.ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
-            clipped = baker.bake_into(job.ids, codes)
+            codes = np.empty((len(ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
+            clipped = baker.bake_into(ids, codes)
             end_s = self._clock()
-            self.cache.publish(job.key, job.ids, codes)
+            self.cache.publish(key, ids, codes)
         except Exception as error:
-            log.exception("%d textures of light key %s failed", len(job.ids), job.key)
+            log.exception("%d textures of light key %s failed", len(ids), key)
             with self._lock:
-                tries = np.array(
-                    [self._record_failure(job.key, int(particle), error) for particle in job.ids]
-                )
-                self.cache.fail(job.key, job.ids[tries >= _MAX_ATTEMPTS])
-                self.cache.release(job.key, job.ids[tries < _MAX_ATTEMPTS])
+                tries = np.array([self._record_failure(key, int(particle), error) for particle in ids])
+                self.cache.fail(key, ids[tries >= _MAX_ATTEMPTS])
+                self.cache.release(key, ids[tries < _MAX_ATTEMPTS])
             return
         with self._lock:
             self._clipped_count += clipped
-            self._pace.record(start_s, end_s, len(job.ids))
-            stale, listeners = job.key != self._key, self._listeners
-        batch = TileBatch(job.key, job.ids, codes, stale)
-        for listener in listeners:
-            try:
-                listener(batch)
-            except Exception:
-                log.exception("a listener to finished textures failed")
+            self._pace.record(start_s, end_s, len(ids))
+            stale = key != self._key
+        self._tiles_heard.tell(TileBatch(key, ids, codes, stale))
 
     # What follows runs under the lock.
 
@@ -379,22 +379,56 @@ class Engine:
         for thread in self._threads:
             thread.start()
 
-    def _take(self) -> _Job | None:
-        key = self._queue.best(skip=self._building)
+    def _request_first_light(
+        self, key: str, ids: Ids, distance: NDArray[np.floating], now_s: float, client: str
+    ) -> None:
+        dark = self.cache.lacks_coarse(key, ids)
+        if self._attempts.get((key, -2), 0) >= _MAX_ATTEMPTS:
+            dark[:] = False
+        for dawning in self._dawning:
+            dark &= ~np.isin(ids, dawning)
+        self._dark.push(key, ids[dark], priority(now_s, distance[dark]), now_s, client)
+
+    def _cancel(self, key: str) -> None:
+        """Withdraw every request under a light key."""
+        self._dark.cancel(key)
+        self.cache.release(key, self._queue.cancel(key))
+
+    def _take(self) -> Job | None:
+        """Return the best piece of work: a baker, else first light, else its preparation for textures, else those."""
+        key = self._dark.best(skip=self._building) or self._queue.best(skip=self._building)
         if key is None or self._make is None:
             return None
-        self._busy += 1
-        baker = self._bakers.get(key)
-        if baker is None:
+        shop = self._workshops.get(key)
+        if shop is None:
             self._building.add(key)
-            return _Job(key, None, self._make, np.empty(0, dtype=np.int32))
-        self._bakers.move_to_end(key)
-        share = math.ceil(
-            len(self._queue) / max(1, self.thread_count)
-        )  # the last requests are spread over all threads
-        _, ids = self._queue.pop(min(self._pace.batch_count, share), key)
-        self.cache.mark_baking(key, ids)
-        return _Job(key, baker, self._make, ids)
+            job = functools.partial(self._build, key, self._make)
+        elif len(self._dark):
+            _, ids = self._dark.pop(min(_FIRST_LIGHT_COUNT, self._share(self._dark)), key)
+            self._dawning.append(ids)
+            job = functools.partial(self._first_light, key, shop.baker, ids)
+        elif shop.preparing:
+            return None
+        elif not shop.prepared:
+            shop.preparing = True
+            job = functools.partial(self._prepare, key, shop)
+        else:
+            _, ids = self._queue.pop(min(self._pace.batch_count, self._share(self._queue)), key)
+            self.cache.mark_baking(key, ids)
+            job = functools.partial(self._bake, key, shop.baker, ids)
+        if shop is not None:
+            self._workshops.move_to_end(key)
+        self._busy += 1
+        return job
+
+    def _share(self, queue: RequestQueue) -> int:
+        """What one thread takes at most, so that the last requests are spread over all of them."""
+        return math.ceil(len(queue) / max(1, self.thread_count))
+
+    def _record_baker_failure(self, key: str, error: Exception) -> None:
+        if self._record_failure(key, -1, error) >= _MAX_ATTEMPTS:
+            self._cancel(key)
+        self._work.notify_all()
 
     def _record_failure(self, key: str, particle: int, error: Exception) -> int:
         if key == self._key:
@@ -403,7 +437,7 @@ class Engine:
         return self._attempts[key, particle]
 
     def _at_rest(self) -> bool:
-        return not self._busy and not len(self._queue)
+        return not self._busy and not len(self._queue) and not len(self._dark)
 
     def _notify_if_idle(self) -> None:
         if self._at_rest():

@@ -21,7 +21,7 @@ _NOBODY = -1
 class TilePool:
     """Slots for (texels, texels) uint8 tiles, up to a fixed number, allocated as they are needed.
 
-    Holds no lock: :class:`luxel.dynamic.cache.TextureCache` calls it under its own.
+    Holds no lock: :class:`luxel.dynamic.cache.TextureCache` calls it under its own, and may change `capacity`.
 
     Parameters
     ----------
@@ -62,6 +62,8 @@ class TilePool:
 
     def take(self, count: int) -> Ids:
         """Return up to `count` slots that no reader sees; they are in use once `light` is set."""
+        if self._untouched > self.capacity:  # it was larger once
+            count = min(count, max(0, self.capacity - len(self.used())))
         if len(self._free) < count:
             self._reclaim()
         if len(self._free) < count:
@@ -95,7 +97,7 @@ class TilePool:
         self._quarantine = held
 
     def _touch(self, count: int) -> None:
-        end = min(self._untouched + count, self.capacity)
+        end = max(self._untouched, min(self._untouched + count, self.capacity))
         if end > len(self.light):
             self._allocate(min(self.capacity, max(end, 2 * len(self.light), _FIRST_ALLOCATION)))
         self._free = np.concatenate([self._free, np.arange(self._untouched, end, dtype=np.int32)])

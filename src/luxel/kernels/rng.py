@@ -9,10 +9,11 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 
-__all__ = ["PURPOSE_PIXEL", "PURPOSE_TEXEL", "next_state", "path_key", "uniform"]
+__all__ = ["PURPOSE_COARSE", "PURPOSE_PIXEL", "PURPOSE_TEXEL", "next_state", "path_key", "uniform"]
 
 PURPOSE_TEXEL = 1
 PURPOSE_PIXEL = 2
+PURPOSE_COARSE = 3
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX_A = np.uint64(0xBF58476D1CE4E5B9)

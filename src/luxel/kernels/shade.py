@@ -1,4 +1,4 @@
-"""Shading of primary hits: texture lookup, closed-form Lambert, or path tracing of every pixel."""
+"""Shading of primary hits: texture lookup, coarse record, closed-form Lambert, or path tracing of every pixel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ from luxel.kernels.tree_trace import scratch
 
 __all__ = ["bilinear", "develop", "shade_pixels", "shade_textures"]
 
-_HALF, _ONE = np.float32(0.5), np.float32(1)
+_ZERO, _QUARTER, _HALF, _ONE = np.float32(0), np.float32(0.25), np.float32(0.5), np.float32(1)
+# Rays closer than so many radii read textures at one point; the filter opens up over as much again.
+_FINE = np.float32(0.2)
+# Cosine² between normal and ray that the filter keeps to: beyond, a pixel shows more of what lies behind.
+_LIMB = np.float32(0.19)
 
 
 @kernel(inline=True)
@@ -38,6 +42,48 @@ def bilinear(mapping, codes, decoding, slot, nx, ny, nz):
         mapping, codes, decoding, slot, row + 1, column + 1
     )
     return (_ONE - b) * top + b * low
+
+
+@kernel(inline=True)
+def _reach(world, eye, spacing, sphere, dx, dy, dz, distance):
+    """How far beside a hit the filter reads, in radii: a quarter of the distance between rays, 0 where they lie close."""
+    right = np.sqrt(eye.right[0] * eye.right[0] + eye.right[1] * eye.right[1] + eye.right[2] * eye.right[2])
+    gap = spacing * right / world.radii[sphere]
+    if not eye.orthographic:
+        gap *= distance * (dx * eye.forward[0] + dy * eye.forward[1] + dz * eye.forward[2])
+    return _QUARTER * gap * min(_ONE, max(_ZERO, gap / _FINE - _ONE))
+
+
+@kernel
+def _filtered(mapping, codes, decoding, slot, eye, dx, dy, dz, nx, ny, nz, reach):
+    """Mean luminance of texture `slot` over what a ray along the unit vector d stands for: four points around its hit.
+
+    Without it, particles a few pixels wide sparkle: neighbouring rays fall on unrelated texels. The points lie in the
+    plane of the picture, so that their normals spread towards the limb.
+    """
+    # Axes across the ray, and the part of the normal across it: where on its disc the sphere is hit.
+    ax, ay, az = eye.right[0], eye.right[1], eye.right[2]
+    scale = _ONE / np.sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = scale * ax, scale * ay, scale * az
+    along = ax * dx + ay * dy + az * dz
+    ax, ay, az = ax - along * dx, ay - along * dy, az - along * dz
+    bx, by, bz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
+    along = nx * dx + ny * dy + nz * dz
+    qx, qy, qz = nx - along * dx, ny - along * dy, nz - along * dz
+    total = _ZERO
+    count = 0
+    for k in range(4):
+        u = reach if k & 1 else -reach
+        v = reach if k & 2 else -reach
+        px, py, pz = qx + u * ax + v * bx, qy + u * ay + v * by, qz + u * az + v * bz
+        rest = _ONE - (px * px + py * py + pz * pz)
+        if rest > _LIMB:
+            c = np.sqrt(rest)
+            total += bilinear(mapping, codes, decoding, slot, px - c * dx, py - c * dy, pz - c * dz)
+            count += 1
+    if count == 0:
+        return bilinear(mapping, codes, decoding, slot, nx, ny, nz)
+    return total / np.float32(count)
 
 
 @kernel(inline=True)
@@ -65,6 +111,7 @@ def shade_textures(
     eye,
     shift_x,
     shift_y,
+    spacing,
     first_row,
     last_row,
     distance,
@@ -73,14 +120,17 @@ def shade_textures(
     slot,
     codes,
     decoding,
+    coarse,
     colors,
     total,
 ):
     """Add rows [first_row, last_row) to `total` (H, W, 5): luminance times colour, luminance, coverage.
 
-    Particles without a texture (slot -1) are shaded by closed-form Lambert.
+    Particles without a texture (slot -1) are shaded by their coarse record, or else by closed-form Lambert.
+    `spacing` is the distance between the rays of the picture, in pixels: textures are filtered over it.
     """
     height, width = ids.shape
+    step = np.float32(2) * spacing / np.float32(width)
     for y in range(first_row, last_row):
         for x in range(width):
             sphere = ids[y, x]
@@ -92,7 +142,14 @@ def shade_textures(
             nx, ny, nz = _hit_normal(world.centers, sphere, ox, oy, oz, dx, dy, dz, distance[y, x])
             s = slot[sphere]
             if s >= 0:
-                luminance = bilinear(mapping, codes, decoding, s, nx, ny, nz)
+                reach = _reach(world, eye, step, sphere, dx, dy, dz, distance[y, x])
+                if reach > 0:
+                    luminance = _filtered(mapping, codes, decoding, s, eye, dx, dy, dz, nx, ny, nz, reach)
+                else:
+                    luminance = bilinear(mapping, codes, decoding, s, nx, ny, nz)
+            elif sphere < coarse.shape[0] and coarse[sphere, 0] >= 0:
+                c = coarse[sphere]
+                luminance = max(_ZERO, c[0] + c[1] * nx + c[2] * ny + c[3] * nz)
             else:
                 r = world.radii[sphere]
                 luminance = lambert(

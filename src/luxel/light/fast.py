@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.kernels.gather import add_bounces, average_texels, trace_texels
-from luxel.kernels.path import INTERREFLECTION, World
+from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, World
 from luxel.kernels.rays import RayTable
 from luxel.kernels.texels import sample_texels
 from luxel.light.denoise import Samples, TextureFilter
@@ -114,8 +114,10 @@ class FastLight:
 
     @property
     def _by_paths(self) -> bool:
-        """Whether bounces are limited: records know all bounces or none."""
+        """Whether rays are not gathers: without shadows, or with limited bounces, since records know all or none."""
         world = self._world
+        if world.model == LAMBERTIAN:
+            return True
         return world.model == INTERREFLECTION and world.albedo > 0 and world.max_bounces < 2**31 - 1
 
     def _table(self, samples: int, drawing: int) -> RayTable:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from luxel.kernels import records as kernels
 from luxel.kernels.path import World
+from luxel.kernels.rays import RayTable
 from luxel.light.ray_sets import make_ray_table
 
 __all__ = ["RecordBook"]
@@ -26,7 +27,7 @@ class RecordBook:
     def __init__(self, world: World) -> None:
         count = len(world.radii)
         self._world = world
-        self._table = make_ray_table("latlong", (_ROWS, _COLUMNS), 1, world.lights.suns, sets=_SETS)
+        self._table: RayTable | None = None
         self._lock = threading.Lock()
         self._known = np.zeros(count, np.bool_)
         self._arrays = kernels.Records(np.zeros((count, 4), np.float32), np.zeros((count, 9), np.float32))
@@ -36,6 +37,8 @@ class RecordBook:
         wanted = np.unique(ids[ids >= 0])
         with self._lock:
             missing = wanted[~self._known[wanted]]
+            if self._table is None:
+                self._table = make_ray_table("latlong", (_ROWS, _COLUMNS), 1, self._world.lights.suns, sets=_SETS)
         if len(missing):
             direct, rest = np.empty((len(missing), 4), np.float32), np.empty((len(missing), 9), np.float32)
             kernels.make_records(self._world, self._table, missing, direct, rest)

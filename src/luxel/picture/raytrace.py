@@ -60,8 +60,8 @@ def render(
     scene, view
         What to draw and how; the default view frames the data.
     textures
-        A bake or another source of textures; particles that it has none for are Lambert. None bakes the textures of
-        the visible particles first.
+        A bake or another source of textures; particles that it has none for show their coarse record, or are
+        Lambert. None bakes the textures of the visible particles first.
     size
         Width and height in pixels.
     light
@@ -183,11 +183,16 @@ def draw_textures(
     colors: NDArray[np.float32],
     total: NDArray[np.float32],
     threads: int,
+    *,
+    filtered: bool = True,
 ) -> None:
-    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.shade``."""
+    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.shade``.
+
+    Textures are filtered over the distance between the rays, unless `filtered` is False.
+    """
     height, width = total.shape[:2]
     distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
-
+    spacing = np.float32(1 / math.sqrt(len(shifts)) if filtered else 0)
     mapping = mapping_code(table.mapping)
 
     def band(row: int) -> None:
@@ -199,6 +204,7 @@ def draw_textures(
                 world,
                 eye,
                 *shift,
+                spacing,
                 row,
                 last,
                 distance,
@@ -207,6 +213,7 @@ def draw_textures(
                 table.slot,
                 table.codes,
                 table.decoding,
+                table.coarse,
                 colors,
                 total,
             )

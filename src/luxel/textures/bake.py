@@ -81,8 +81,15 @@ class Baker:
             errors[...] = error
         return int(np.count_nonzero(luminance > self.scale))
 
+    def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Return coarse light of particles `ids` (K,), fast and without preparation.
+
+        (K, 4) float32: luminance towards unit normal n is about max(0, c0 + c1 nx + c2 ny + c3 nz), with c0 >= 0.
+        """
+        return self._fast.first_light(ids)
+
     def prepare(self, threads: int | None = None) -> None:
-        """Do now, on several threads, what the first bake of ``fast`` mode would do on one: records, and the filter."""
+        """Do now, on several threads, what the first bake of ``fast`` mode would do on one: learn the filter."""
         if self.spec.mode == "fast":
             self._fast.prepare(thread_count(threads))
 

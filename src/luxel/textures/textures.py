@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from luxel.light.mapping import Mapping
 
-__all__ = ["LuminanceTextures", "TextureSource", "TextureTable", "decode", "encode"]
+__all__ = ["NO_COARSE", "LuminanceTextures", "TextureSource", "TextureTable", "decode", "encode"]
 
 Encoding = Literal["linear", "sqrt"]
+
+#: The `coarse` of a table that has no coarse records at all.
+NO_COARSE: NDArray[np.float32] = np.empty((0, 4), dtype=np.float32)
 
 
 def encode(luminance: NDArray[np.float32], scale: float, encoding: Encoding) -> NDArray[np.uint8]:
@@ -51,12 +54,17 @@ class TextureTable:
         (256,) float32: luminance of each code.
     mapping
         From texels to directions, see :class:`luxel.TextureSpec`.
+    coarse
+        (N, 4) float32, shown where there is no texture yet: luminance towards the unit normal n is
+        max(0, c0 + c1 nx + c2 ny + c3 nz). c0 < 0 marks a particle that has no record either, and shape (0, 4) that
+        none has: those are Lambert.
     """
 
     slot: NDArray[np.int32]
     codes: NDArray[np.uint8]
     decoding: NDArray[np.float32]
     mapping: Mapping = "latlong"
+    coarse: NDArray[np.float32] = field(default_factory=lambda: NO_COARSE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 // The page: wires connection, data, picture and controls together.
 
 import * as cameras from "./camera.js";
+import { CoarseStore } from "./coarse.js";
 import { drawColorbar, grading, isCategorical, label, normalised, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
@@ -40,9 +41,10 @@ export class App {
     this.luts = new Map();
     this.asked = new Set();
     this.tiles = new TileStore(0, 16, 0, PARTICLES_WIDTH);
+    this.coarse = new CoarseStore(0, PARTICLES_WIDTH);
     this.sight = new Sight(0);
     this.askTimer = 0;
-    this.batches = 0;
+    this.confirmed = { batches: 0, coarse: 0 };
     this.tilesReceived = 0;
     this.coloring = "";
     this.scheduled = false;
@@ -67,7 +69,7 @@ export class App {
     this.connection = new Connection(
       (message) => this.receive(message),
       () => {
-        this.batches = 0;
+        this.confirmed = { batches: 0, coarse: 0 };
         this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
       },
       (text) => this.trouble("connection", text),
@@ -114,6 +116,7 @@ export class App {
         this.luts.set(head.name, arrays.lut);
         return this.colorChanged();
       case KIND.tiles: return this.takeTiles(head, arrays);
+      case KIND.coarse: return this.takeCoarse(head, arrays);
       case KIND.status:
         this.status = head;
         this.trouble("light", head.error ? `Light: ${head.error}` : null);
@@ -134,6 +137,7 @@ export class App {
     const reach = Math.hypot(...head.bounds[0].map((/** @type {number} */ low, /** @type {number} */ k) => Math.max(-low, head.bounds[1][k])));
     this.guard(() => this.renderer.setScene(head.count, reach));
     this.tiles = new TileStore(head.count, head.texels, ATLAS_BYTES, PARTICLES_WIDTH);
+    this.coarse = new CoarseStore(head.count, PARTICLES_WIDTH);
     this.guard(() => this.renderer.setAtlas(this.tiles));
     this.renderer.setTexels(head);
     this.sight = new Sight(head.count);
@@ -150,15 +154,21 @@ export class App {
   /** @param {any} head @param {Record<string, any>} arrays */
   takeLight(head, arrays) {
     this.light = { ...head, ...arrays };
-    this.renderer.light = this.light;
-    this.renderer.look.useTiles = head.model !== "lambertian";
-    this.renderer.look.white = head.white;
+    this.lightRenderer();
     this.tiles.setLight(head.key, arrays.decoding);
+    this.coarse.setLight(head.key);
     this.panel.setLight(head);
     this.sight.askAgain();
     this.film.lightChanged();
     this.toneChanged();
     this.ask();
+  }
+
+  lightRenderer() {
+    this.renderer.light = this.light;
+    Object.assign(this.renderer.look, {
+      useTiles: this.light.model !== "lambertian", white: this.light.white, coarseScale: this.light.decoding[255],
+    });
   }
 
   /** @param {any} head @param {Record<string, any>} arrays */
@@ -187,13 +197,29 @@ export class App {
 
   /** @param {any} head @param {Record<string, any>} arrays */
   takeTiles(head, arrays) {
-    this.connection.send(encode(KIND.confirm, { batches: ++this.batches }));
+    this.confirm("batches");
     this.tilesReceived += arrays.ids.length;
     if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => this.sight.isVisible(id))) {
       this.film.lightChanged();
       this.schedule();
     }
     this.trouble("notice", null); // whatever there was to wait for is over
+  }
+
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takeCoarse(head, arrays) {
+    this.confirm("coarse");
+    if (this.coarse.put(head.key, arrays.ids, arrays.records)) {
+      this.film.lightChanged();
+      this.schedule();
+    }
+    this.trouble("notice", null);
+  }
+
+  /** Make room for more messages of a kind. @param {"batches" | "coarse"} which */
+  confirm(which) {
+    this.confirmed[which]++;
+    this.connection.send(encode(KIND.confirm, this.confirmed));
   }
 
   /** @param {{model?: string, sky?: number, sun?: number[]}} change */
@@ -358,6 +384,7 @@ export class App {
   step() {
     if (this.renderer.gl.isContextLost()) return;
     this.renderer.uploadTiles(this.tiles);
+    this.renderer.uploadCoarse(this.coarse);
     const more = this.film.step();
     const now = performance.now();
     if (now - this.statusAt > 500) this.showStatus();
@@ -389,9 +416,7 @@ export class App {
         this.renderer.setTexels(this.scene);
       }
       if (this.light !== null) {
-        this.renderer.light = this.light;
-        this.renderer.look.useTiles = this.light.model !== "lambertian";
-        this.renderer.look.white = this.light.white;
+        this.lightRenderer();
       }
       this.coloring = "";
       if (this.camera !== null) this.setCamera(this.camera);
@@ -413,13 +438,14 @@ export class App {
       this.statusAt = now;
     }
     if (this.scene === null) return;
-    const { visible, ready } = this.counts();
+    const { visible, ready, coarse } = this.counts();
     const n = (/** @type {number} */ x) => x.toLocaleString("en");
     const parts = [`${n(visible)} visible`];
     if (this.light?.model === "lambertian") {
       parts.push("no global light");
     } else {
       parts.push(ready >= visible ? "all lit" : `${n(ready)} lit`);
+      if (coarse) parts.push(`${n(coarse)} in first light`);
       if (this.status?.queued) parts.push(`${n(this.status.queued + this.status.baking)} queued`);
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
       if (this.tiles.dropped) parts.push("texture memory full");
@@ -433,7 +459,7 @@ export class App {
   }
 
   counts() {
-    return { visible: this.sight.count, ready: this.sight.readyCount(this.tiles) };
+    return { visible: this.sight.count, ...this.sight.litCount(this.tiles, this.coarse) };
   }
 
   /** Say what is wrong, or that it no longer is. @param {string} cause @param {string | null} text @param {boolean} [passing] goes away by itself */

@@ -11,6 +11,7 @@ import * as shaders from "./shaders.js";
 import { LAYER_ROWS } from "./tiles.js";
 
 /** @typedef {import("./camera.js").Camera} Camera */
+/** @typedef {import("./coarse.js").CoarseStore} CoarseStore */
 /** @typedef {import("./tiles.js").TileStore} TileStore */
 
 export const PARTICLES_WIDTH = 2048;
@@ -49,6 +50,7 @@ export class Renderer {
     this.slots = new Texture(gl, "r32i", 1, 1);
     this.atlas = new Texture(gl, "r8ui", 1, 1, { layers: 1 });
     this.decoding = new Texture(gl, "r32f", 256, 64);
+    this.coarse = new Texture(gl, "rgba16f", 1, 1);
     this.lut = new Texture(gl, "rgba32f", 1, 1);
     /** @type {{ids: Target, sums: Target[], capture: Target, sweep: Target} | null} */
     this.targets = null;
@@ -61,13 +63,14 @@ export class Renderer {
     this.doneAt = 0;
     this.look = {
       uniform: true, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, white: 1,
-      top: [0, 0, 0], bottom: [0, 0, 0], useTiles: false, texels: 16, mapping: 0,
+      top: [0, 0, 0], bottom: [0, 0, 0], useTiles: false, texels: 16, mapping: 0, coarseScale: 1,
     };
     /** @type {any} */
     this.light = { sky: [1, 1, 0, 0, 1], suns: [], globes: [], quads: [] };
     this.sceneRadius = 2;
     this.list = new Texture(gl, "r32ui", 1, 1);
     this.listCount = 0;
+    this.useCoarse = false;
     gl.disable(gl.DITHER);
     gl.bindVertexArray(gl.createVertexArray());
     const corners = new Uint32Array(6 * QUADS);
@@ -161,6 +164,20 @@ export class Renderer {
     }
   }
 
+  /** Upload what changed in the coarse records. @param {CoarseStore} coarse */
+  uploadCoarse(coarse) {
+    this.useCoarse = coarse.used;
+    if (!coarse.used) return;
+    if (this.coarse.width !== coarse.width || this.coarse.height !== coarse.rows) {
+      this.coarse.delete();
+      this.coarse = new Texture(this.gl, "rgba16f", coarse.width, coarse.rows);
+      coarse.dirty.all();
+    }
+    coarse.dirty.flush((first, count) => {
+      this.coarse.rows(coarse.data.subarray(4 * first * coarse.width, 4 * (first + count) * coarse.width), first, count);
+    });
+  }
+
   /** Fit all targets to the canvas. */
   resize() {
     const { gl } = this;
@@ -239,8 +256,12 @@ export class Renderer {
     this.setCamera(shade, camera, shift, shape);
     shade.texture("uIds", targets.ids.colors[0]).texture("uValues", this.values).texture("uLut", this.lut)
       .texture("uSlots", this.slots).texture("uAtlas", this.atlas).texture("uDecoding", this.decoding)
+      .texture("uCoarse", this.coarse).float("uCoarseScale", this.look.coarseScale)
       .int("uTexels", this.look.texels).int("uMapping", this.look.mapping).int("uUseTiles", this.look.useTiles ? 1 : 0)
+      .int("uUseCoarse", this.useCoarse && this.look.useTiles ? 1 : 0)
       .int("uUniform", this.look.uniform ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
+    // Samples after the first fall between: together they need no filter, which would only blur them.
+    shade.float("uSpacing", first ? 1 : 0);
     this.setLights(shade);
     if (!first) {
       gl.enable(gl.BLEND);

@@ -122,7 +122,10 @@ uniform isampler2D uSlots;      // slot + generation << 24, or -1
 uniform usampler2DArray uAtlas; // tiles one after the other, 2048 bytes a row
 uniform sampler2D uDecoding;    // a row of 256 luminances for each generation
 uniform int uTexels, uMapping;  // mapping 0: latitude-longitude, 1: octahedral
-uniform bool uUseTiles, uUniform;
+uniform sampler2D uCoarse;      // first light; red < 0 where there is none
+uniform float uCoarseScale;
+uniform float uSpacing;         // of the picture's rays, in pixels
+uniform bool uUseTiles, uUseCoarse, uUniform;
 uniform vec3 uColor, uNoData;   // linear light
 uniform vec3 uEye;
 uniform vec2 uSky;              // level, ground
@@ -176,6 +179,24 @@ float textured(int tile, vec3 n) {
     mix(texel(slot, generation, p + ivec2(0, 1)), texel(slot, generation, p + ivec2(1, 1)), f.x), f.y);
 }
 
+// Mean over what a ray stands for, four points around its hit; the same as luxel.kernels.shade._filtered.
+float filtered(int tile, float radius, vec3 n, float depth, vec3 ray) {
+  float gap = uSpacing * 2.0 * uHalf.x / uSize.x * (uOrthographic ? 1.0 : depth) / radius;
+  float reach = 0.25 * gap * clamp(gap / 0.2 - 1.0, 0.0, 1.0), sum = 0.0, count = 0.0;
+  vec3 d = normalize(ray);
+  vec3 a = vec3(1, 0, 0) - d.x * d, b = cross(a, d), q = n - dot(n, d) * d;
+  for (int k = 0; reach > 0.0 && k < 4; k++) {
+    vec3 p = q + ((k & 1) != 0 ? reach : -reach) * a + ((k & 2) != 0 ? reach : -reach) * b;
+    float rest = 1.0 - dot(p, p);
+    for (bool near = rest > 0.19; near; near = false) { // beyond, a pixel shows more of what lies behind
+      sum += textured(tile, uBasis * (p - sqrt(rest) * d));
+      count += 1.0;
+    }
+  }
+  for (; count == 0.0; count = 1.0) sum = textured(tile, uBasis * n);
+  return sum / count;
+}
+
 float soft(float c, float s) {
   return c >= s ? c : c <= -s ? 0.0 : (c + s) * (c + s) / (4.0 * s);
 }
@@ -219,11 +240,16 @@ void main() {
     vec4 s = sphereAt(id);
     vec3 origin, ray;
     float t = hit(s, gl_FragCoord.xy, origin, ray);
-    vec3 n = uBasis * normalize(origin + t * ray - s.xyz);
+    vec3 facing = normalize(origin + t * ray - s.xyz), n = uBasis * facing;
     int tile = uUseTiles ? texelFetch(uSlots, place(id, textureSize(uSlots, 0).x), 0).r : -1;
     float luminance = 0.0;
-    for (bool lit = tile >= 0; lit; lit = false) luminance = textured(tile, n);
-    for (bool bare = tile < 0; bare; bare = false) {
+    for (bool lit = tile >= 0; lit; lit = false) luminance = filtered(tile, s.w, facing, t, ray);
+    vec4 coarse = vec4(-1);
+    for (bool dim = tile < 0 && uUseCoarse; dim; dim = false) {
+      coarse = texelFetch(uCoarse, place(id, textureSize(uCoarse, 0).x), 0);
+      luminance = uCoarseScale * max(0.0, coarse.x + dot(coarse.yzw, n));
+    }
+    for (bool bare = tile < 0 && coarse.x < 0.0; bare; bare = false) {
       luminance = lambert(texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0).xyz + s.w * n, n);
     }
     sum = vec4(luminance * colorOf(id), luminance);

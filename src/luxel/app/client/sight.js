@@ -47,11 +47,17 @@ export class Sight {
     return this.stamp[id] === this.epoch;
   }
 
-  /** @param {import("./tiles.js").TileStore} tiles */
-  readyCount(tiles) {
-    let ready = 0;
-    for (let k = 0; k < this.count; k++) if (tiles.isCurrent(this.ids[k])) ready++;
-    return ready;
+  /**
+   * How many visible particles have their tile, and how many others a coarse record.
+   * @param {import("./tiles.js").TileStore} tiles @param {import("./coarse.js").CoarseStore} records
+   */
+  litCount(tiles, records) {
+    let ready = 0, coarse = 0;
+    for (let k = 0; k < this.count; k++) {
+      if (tiles.isCurrent(this.ids[k])) ready++;
+      else if (records.has(this.ids[k])) coarse++;
+    }
+    return { ready, coarse };
   }
 
   /**

@@ -1,0 +1,202 @@
+"""First light comes before textures, is kept under its light key alone, and never costs more than its share."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from luxel.dynamic.cache import TextureCache
+from luxel.dynamic.engine import Engine
+
+from .fakes import GUARD_S, TEXELS, FakeBaker, Stage, ids_of, record_of
+
+
+@pytest.mark.parametrize("threads", [0, 1, 4])
+def test_every_visible_particle_has_its_first_light_once_and_then_its_texture(threads):
+    stage = Stage(threads, count=5000)
+    stage.select("day")
+    visible = range(0, 5000, 2)
+    for _ in range(3):
+        stage.request("day", visible)
+    assert stage.engine.wait(GUARD_S)
+    assert sorted(stage.dawned) == [("day", each) for each in visible]
+    assert stage.ready("day") == set(visible)
+    assert not stage.wrong
+    there, records = stage.cache.lookup_coarse("day", np.arange(5000, dtype=np.int32))
+    assert np.flatnonzero(there).tolist() == list(visible)
+    assert (records == record_of("day", np.flatnonzero(there))).all()
+    stage.engine.close()
+
+
+def test_first_light_comes_before_textures_and_before_what_they_need():
+    stage = Stage(count=5000)
+    stage.select("day")
+    stage.request("day", range(3000), np.linspace(0, 1, 3000))
+    stage.engine.wait()
+    kinds = [kind for kind, _ in stage.bakers["day"].work]
+    assert kinds[:4] == ["first light"] * 3 + ["prepare"]
+    assert set(kinds[4:]) == {"bake"}
+    assert stage.dawned == [("day", each) for each in range(3000)]  # the nearest first
+
+
+def test_what_comes_into_sight_later_goes_before_textures_that_wait():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", range(200))
+    for _ in range(4):
+        stage.engine.run_once()
+    stage.request("day", range(100, 300))
+    assert stage.engine.run_once()
+    assert stage.bakers["day"].work[-1] == ("first light", list(range(200, 300)))
+
+
+def test_a_change_of_light_drops_the_records():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", [1, 2])
+    stage.engine.wait()
+    table = stage.cache.snapshot("day")
+    stage.select("night")
+    assert not stage.cache.lookup_coarse("day", ids_of(1, 2))[0].any()
+    assert stage.cache.snapshot("day").coarse.shape == (0, 4)
+    assert (table.coarse[[1, 2]] == record_of("day", ids_of(1, 2))).all()
+    assert stage.cache.stats().nbytes == 2 * TEXELS * TEXELS
+    stage.select("day")
+    stage.request("day", [1, 3])  # 1 has its texture: only 3 needs anything
+    stage.engine.wait()
+    assert stage.dawned == [("day", 1), ("day", 2), ("day", 3)]
+
+
+def test_first_light_that_comes_too_late_is_dropped():
+    stage = Stage()
+    baker = stage.bakers["day"] = FakeBaker("day")
+    make = baker.first_light
+
+    def slow(ids):
+        stage.select("night")
+        return make(ids)
+
+    baker.first_light = slow
+    stage.select("day")
+    stage.request("day", [1])
+    stage.engine.wait()
+    assert stage.dawned == []
+    assert not stage.cache.lookup_coarse("day", ids_of(1))[0].any()
+
+
+def test_what_is_under_way_is_not_asked_for_again():
+    stage = Stage(threads=2)
+    started, release = threading.Event(), threading.Event()
+    baker = stage.bakers["day"] = FakeBaker("day")
+    make = baker.first_light
+
+    def slow(ids):
+        started.set()
+        assert release.wait(GUARD_S)
+        return make(ids)
+
+    baker.first_light = slow
+    stage.select("day")
+    stage.request("day", [1])
+    assert started.wait(GUARD_S)
+    stage.request("day", [1])
+    release.set()
+    assert stage.engine.wait(GUARD_S)
+    assert stage.dawned == [("day", 1)]
+    stage.engine.close()
+
+
+def test_first_light_reaches_what_the_cache_has_no_room_for():
+    cache = TextureCache(8, 30 * 64)
+    engine = Engine(cache, threads=0)
+    engine.select("day", 60, 1.0, "linear", lambda: FakeBaker("day"))
+    assert cache.capacity == 15  # the other half is for records
+    ids = np.arange(60, dtype=np.int32)
+    assert engine.request("day", ids, np.linspace(0, 1, 60)) == 15
+    engine.wait()
+    assert cache.counts("day").ready == 15
+    assert cache.lookup_coarse("day", ids)[0].all()
+
+
+def test_a_cache_too_small_for_records_goes_without():
+    stage = Stage(count=1000, capacity=100)
+    stage.select("day")
+    stage.request("day", [1])
+    stage.engine.wait()
+    assert stage.cache.capacity == 100
+    assert stage.dawned == []
+    assert stage.ready("day") == {1}
+    assert stage.cache.snapshot("day").coarse.shape == (0, 4)
+
+
+def test_tiles_and_records_share_the_budget():
+    cache = TextureCache(TEXELS, 100 * TEXELS * TEXELS)
+    cache.begin("none", 1000, 1.0, "linear")
+    assert cache.capacity == 100
+    ids = np.arange(100, dtype=np.int32)
+    tiles = np.zeros((100, TEXELS, TEXELS), np.uint8)
+    assert cache.publish("none", ids, tiles) == 100
+    cache.begin("day", 40, 1.0, "linear")
+    assert cache.capacity == 60
+    assert cache.stats().evicted == 40
+    assert cache.put_coarse("day", ids_of(3), np.ones((1, 4), np.float32))
+    assert cache.publish("day", ids[:40], tiles[:40]) == 40
+    assert cache.stats().nbytes <= 100 * TEXELS * TEXELS
+    cache.begin("large", 1000, 1.0, "linear")
+    assert cache.publish("large", ids, tiles) == 100
+    assert cache.stats().nbytes == 100 * TEXELS * TEXELS
+
+
+def test_a_snapshot_keeps_the_records_it_had():
+    stage = Stage()
+    stage.select("day")
+    stage.request("day", [1])
+    stage.engine.wait()
+    table = stage.cache.snapshot("day")
+    before = table.coarse.copy()
+    stage.request("day", [2])
+    stage.engine.wait()
+    assert (table.coarse == before).all()
+    assert (stage.cache.snapshot("day").coarse[2] == record_of("day", ids_of(2))[0]).all()
+
+
+def test_first_light_that_fails_leaves_textures_alone(caplog):
+    stage = Stage()
+    baker = stage.bakers["day"] = FakeBaker("day")
+    tries = []
+
+    def broken(ids):
+        tries.append(ids.tolist())
+        raise ArithmeticError("no light")
+
+    baker.first_light = broken
+    stage.select("day")
+    for each in range(5):
+        stage.request("day", [each])
+        stage.engine.wait()
+    assert stage.ready("day") == set(range(5))
+    assert len(tries) == 3
+    assert "no light" in caplog.text
+    assert stage.engine.error == "ArithmeticError: no light"
+
+
+def test_a_baker_that_cannot_be_prepared_is_given_up():
+    stage = Stage()
+    baker = stage.bakers["day"] = FakeBaker("day")
+    tries = []
+
+    def broken(threads):
+        tries.append(threads)
+        raise MemoryError("nothing to learn from")
+
+    baker.prepare = broken
+    stage.select("day")
+    stage.request("day", [1])
+    stage.engine.wait()
+    assert tries == [1, 1, 1]
+    assert stage.dawned == [("day", 1)]
+    assert stage.request("day", [1]) == 0
+    assert stage.cache.counts("day").queued == 0
+    assert stage.engine.error == "MemoryError: nothing to learn from"
