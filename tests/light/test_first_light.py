@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 import luxel
-from luxel.light.first_light import first_light
+from luxel.light.records import RecordBook
 from luxel.light.world import make_world
 from luxel.picture.raytrace import render
 from luxel.textures.bake import Baker
@@ -25,7 +25,9 @@ def test_a_lone_particle_under_a_gradient_sky_has_its_closed_form():
     scene = luxel.Scene(
         luxel.Particles([[0, 0, 0]], 1.0), lights=[luxel.Sky(1.0, ground=0.0)], model="shadows"
     )
-    records = np.mean([first_light(make_world(scene, seed=s), ids_of(0))[0] for s in range(60)], axis=0)
+    records = np.mean(
+        [RecordBook(make_world(scene, seed=s)).first_light(ids_of(0))[0] for s in range(60)], axis=0
+    )
     np.testing.assert_allclose(records, [0.5, 0, 0, 1 / 3], atol=0.03)
 
 
@@ -33,26 +35,29 @@ def test_half_buried_particles_are_fitted_to_what_is_exposed():
     # The lower half of particle 0 lies inside a huge black sphere: (1 + nz) / 2 of the sky is left to the upper half.
     particles = luxel.Particles([[0, 0, 0], [0, 0, -500]], [1.0, 500.0])
     scene = luxel.Scene(particles, lights=[luxel.Sky(1.0)], model="shadows")
-    records = np.mean([first_light(make_world(scene, seed=s), ids_of(0))[0] for s in range(60)], axis=0)
+    records = np.mean(
+        [RecordBook(make_world(scene, seed=s)).first_light(ids_of(0))[0] for s in range(60)], axis=0
+    )
     np.testing.assert_allclose(records, [0.5, 0, 0, 0.5], atol=0.12)
 
 
 def test_entirely_buried_particles_are_black():
     scene = luxel.Scene(luxel.Particles([[0, 0, 0], [0, 0, 0.2]], [0.1, 1.0]))
-    assert first_light(make_world(scene), ids_of(0)).tolist() == [[0, 0, 0, 0]]
+    assert RecordBook(make_world(scene)).first_light(ids_of(0)).tolist() == [[0, 0, 0, 0]]
 
 
 def test_records_are_the_same_in_any_batch_and_thread():
     particles = cloud(150, radius=0.1)
     world = make_world(luxel.Scene(particles))
     ids = np.arange(150, dtype=np.int32)
-    whole = first_light(world, ids)
+    whole = RecordBook(world).first_light(ids)
+    book = RecordBook(world)
     assert whole.shape == (150, 4)
     assert whole.dtype == np.float32
     assert (whole[:, 0] >= 0).all()
     order = np.random.default_rng(0).permutation(ids).astype(np.int32)
     with ThreadPoolExecutor(4) as pool:
-        parts = list(pool.map(lambda k: first_light(world, order[k : k + 7]), range(0, 150, 7)))
+        parts = list(pool.map(lambda k: book.first_light(order[k : k + 7]), range(0, 150, 7)))
     assert np.array_equal(np.concatenate(parts), whole[order])
 
 

@@ -8,7 +8,7 @@ from luxel.kernels.jit import kernel
 from luxel.kernels.light import direct_light
 from luxel.kernels.near import RAY, collect, near_scratch, patch_neighbours
 from luxel.kernels.rays import Site, add_direct, first_hits, ray_start, ray_word, set_of, sky_along
-from luxel.kernels.records import is_lit, record_luminance
+from luxel.kernels.records import record_luminance
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import LANES
 from luxel.kernels.tree_trace import scratch
@@ -31,7 +31,7 @@ def _bounce(world, work, site, rays, o, t, hit, records, state):
     scale = _ONE / np.sqrt(max(nx * nx + ny * ny + nz * nz, np.float32(1e-30)))
     nx, ny, nz = nx * scale, ny * scale, nz * scale
     total = record_luminance(records.rest, hit, nx, ny, nz)
-    if is_lit(records.direct, hit):
+    if records.lit[hit]:
         r = world.radii[hit]
         total += direct_light(
             world.tree,
@@ -87,7 +87,17 @@ def trace_texels(world, table, ids, values, hits, distance):
                     value, hit = -_ONE, _NONE
                 values[k, at + s], hits[k, at + s], distance[k, at + s] = value, hit, t
             add_direct(
-                world, work, near, found, site, table, chosen_set, first, block, here, values[k, at : at + here]
+                world,
+                work,
+                near,
+                found,
+                site,
+                table,
+                chosen_set,
+                first,
+                block,
+                here,
+                values[k, at : at + here],
             )
 
 

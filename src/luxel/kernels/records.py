@@ -19,7 +19,7 @@ from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import LANES
 from luxel.kernels.tree_trace import scratch
 
-__all__ = ["Records", "is_lit", "make_records", "record_luminance"]
+__all__ = ["Records", "make_records", "record_luminance"]
 
 _ZERO, _ONE, _THREE = np.float32(0), np.float32(1), np.float32(3)
 # Coefficients are fitted with this much doubt, in rays: order 1, order 2.
@@ -29,8 +29,9 @@ _DOUBT, _MORE_DOUBT = np.float32(0.3), np.float32(0.5)
 class Records(NamedTuple):
     """Coarse light on every particle."""
 
-    direct: np.ndarray  # (N, 4) float32, orders 0 and 1: suns and area lights; all 0 where no ray of the particle saw any
+    whole: np.ndarray  # (N, 4) float32, orders 0 and 1 alone: all light
     rest: np.ndarray  # (N, 9) float32: sky and all bounces
+    lit: np.ndarray  # (N,) bool: whether any ray saw a sun or an area light
 
 
 @kernel(inline=True)
@@ -38,19 +39,15 @@ def record_luminance(rest, particle, x, y, z):
     """Sky and bounces of a record towards the unit normal (x, y, z)."""
     c = rest[particle]
     value = c[0] + c[1] * x + c[2] * y + c[3] * z
-    value += c[4] * x * y + c[5] * y * z + c[6] * z * x + c[7] * (x * x - y * y) + c[8] * (_THREE * z * z - _ONE)
+    value += (
+        c[4] * x * y + c[5] * y * z + c[6] * z * x + c[7] * (x * x - y * y) + c[8] * (_THREE * z * z - _ONE)
+    )
     return max(_ZERO, value)
 
 
-@kernel(inline=True)
-def is_lit(direct, particle):
-    """Whether any ray of a particle's record saw a sun or an area light."""
-    return direct[particle, 0] != 0 or direct[particle, 1] != 0
-
-
 @kernel
-def make_records(world, table, ids, direct, rest):
-    """Records of particles `ids` (K,): writes direct (K, 4) and rest (K, 9)."""
+def make_records(world, table, ids, records):
+    """Records of particles `ids` (K,): writes K rows of `records`."""
     work = scratch(world.tree.stack_size)
     count = table.texel.shape[0]
     blocks = count // LANES
@@ -90,18 +87,22 @@ def make_records(world, table, ids, direct, rest):
                 values[at + s] = value
                 lit[at + s] = min(_ZERO, value)
                 any_light |= value > 0
-            add_direct(world, work, near, found, site, table, chosen_set, first, block, here, lit[at : at + here])
+            add_direct(
+                world, work, near, found, site, table, chosen_set, first, block, here, lit[at : at + here]
+            )
         if any_light:
-            _fit(rays, count, values, rest[k], 9)
+            _fit(rays, count, values, records.rest[k], 9)
         else:
-            rest[k] = _ZERO
-        any_light = False
+            records.rest[k] = _ZERO
+        records.lit[k] = False
         for s in range(count):
-            any_light |= lit[s] > 0
+            if lit[s] > 0:
+                records.lit[k] = any_light = True
+                values[s] += lit[s]
         if any_light:
-            _fit(rays, count, lit, direct[k], 4)
+            _fit(rays, count, values, records.whole[k], 4)
         else:
-            direct[k] = _ZERO
+            records.whole[k] = _ZERO
 
 
 @kernel(inline=True)

@@ -92,7 +92,7 @@ class FastLight:
     def _dark(self, ids: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Whose record saw no light."""
         records = self._book.having(ids)
-        return ~(records.rest[ids].any(axis=1) | records.direct[ids].any(axis=1))
+        return ~records.whole[ids].any(axis=1)
 
     def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int) -> Samples:
         world = self._world
