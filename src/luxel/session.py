@@ -93,7 +93,7 @@ class Session:
         A :class:`luxel.Series`, some `Particles`, or a `Scene`, which brings its own lights, model and albedo.
     frame
         Which time step; None means the first with particles.
-    lights, model, albedo, ao_distance
+    lights, model, albedo, ao_distance, periodic
         See :class:`luxel.Scene`.
     spec
         How textures are made.
@@ -130,6 +130,7 @@ class Session:
         model: Model = "interreflection",
         albedo: float = 0.7,
         ao_distance: float | None = None,
+        periodic: str | Sequence[bool] = "",
         spec: TextureSpec | None = None,
         view: View | None = None,
         threads: int | None = None,
@@ -152,7 +153,7 @@ class Session:
         else:
             self.series = (series,) if isinstance(series, Particles) else series
             frame = self._check_frame(_first_frame(self.series) if frame is None else frame)
-            scene = Scene(self.series[frame], lights, model, albedo, ao_distance)
+            scene = Scene(self.series[frame], lights, model, albedo, ao_distance, periodic)
         self._lit = self._light(frame, scene)
 
     @property
@@ -275,7 +276,7 @@ class Session:
         FrameError
             If there is no such frame.
         InputError
-            If it holds no particles; the session stays where it was.
+            If it holds no particles, or no cell for light that repeats; the session stays where it was.
         """
         with self._lock:
             self._check_open()

@@ -453,3 +453,42 @@ def test_output_pipe_that_closes_early(file):
     done = command("-c", code)
     assert done.returncode == 1
     assert done.stderr == ""
+
+
+# periodic cells
+
+
+@pytest.fixture
+def celled(tmp_path):
+    path = tmp_path / "cell.xyz"
+    path.write_text(
+        '2\nLattice="4 0 0 0 4 0 0 0 4" Properties=species:S:1:pos:R:3\nAr 1 1 1\nAr 3 3 3\n',
+        encoding="utf-8",
+    )
+    return str(path)
+
+
+def test_periodic_reaches_the_scene(celled, tmp_path, rendered, served, capsys):
+    assert run("render", celled, "-o", tmp_path / "a.png", "--periodic", "yX") == 0
+    assert run("view", celled, "--no-browser", "--periodic", "z", "--threads", 1) == 0
+    assert [call["scene"].axes for call in (*rendered, *served)] == ["xy", "z"]
+    assert "note" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("given, dark", [([], True), (["--model", "ao", "--ao-distance", "2"], False)])
+def test_a_note_says_that_no_light_reaches_into_a_closed_cell(
+    celled, tmp_path, rendered, capsys, given, dark
+):
+    assert run("render", celled, "-o", tmp_path / "a.png", "--periodic", "xyz", *given) == 0
+    assert ("neither sky nor sun" in capsys.readouterr().err) == dark
+
+
+@pytest.mark.parametrize("axes", ["xw", "xx", "", "1"])
+def test_periodic_wants_axes(celled, tmp_path, capsys, axes):
+    message = refused(capsys, "render", celled, "-o", tmp_path / "a.png", "--periodic", axes)
+    assert "xy or xyz" in message
+
+
+def test_periodic_wants_a_cell(file, tmp_path, capsys):
+    for command in (["render", file, "-o", tmp_path / "a.png"], ["demo", "--render", tmp_path / "a.png"]):
+        assert "needs a simulation cell" in refused(capsys, *command, "--periodic", "xy")

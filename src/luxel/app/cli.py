@@ -221,6 +221,7 @@ def _draw(options: argparse.Namespace, particles: Particles, view: View, origin:
     if options.light == "texture":  # refuses bad values before the work
         _spec(options)
     scene = _scene(Scene, options, particles, view)
+    _say_if_dark(options)
     view = aim(options, view, particles, options.size)
     if view.color_by is not None:
         view.scalar_range(particles)
@@ -287,10 +288,12 @@ def _serve(
         model=options.model,
         albedo=options.albedo,
         ao_distance=options.ao_distance,
+        periodic=options.periodic or "",
         spec=spec,
         view=view,
         threads=options.threads,
     ) as session:
+        _say_if_dark(options)
         serve(
             session,
             view,
@@ -309,6 +312,7 @@ def _scene(kind: Any, options: argparse.Namespace, particles: Particles, view: V
         model=options.model,
         albedo=options.albedo,
         ao_distance=options.ao_distance,
+        periodic=options.periodic or "",
     )
 
 
@@ -328,6 +332,15 @@ def _say_if_cold() -> None:
 
     if cold():
         _say("compiling kernels for this machine (once) ...")
+
+
+def _say_if_dark(options: argparse.Namespace) -> None:
+    closed = options.periodic == "xyz" and options.model != "lambertian"
+    if closed and not (options.model == "ao" and options.ao_distance is not None):
+        _say(
+            "note: neither sky nor sun reaches into a cell that repeats along all of x, y and z"
+            " — leave one out, or use --model ao with --ao-distance"
+        )
 
 
 class _Progress:

@@ -134,6 +134,12 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
         metavar="D",
         help="for --model ao: what is farther does not occlude, in file units (default: no limit)",
     )
+    light.add_argument(
+        "--periodic",
+        type=_axes,
+        metavar="AXES",
+        help="repeat the simulation cell for light along these of its vectors, such as xy; pictures show one cell (default: none)",
+    )
     light.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (default: 0)")
     light.add_argument("--threads", type=positive_int, metavar="N", help="default: all processors")
 
@@ -262,6 +268,15 @@ def _number(text: str) -> float:
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"expected a number, got {text.strip()!r}")
     return value
+
+
+def _axes(text: str) -> str:
+    letters = text.strip().lower()
+    if not letters or set(letters) - set("xyz") or len(set(letters)) < len(letters):
+        raise argparse.ArgumentTypeError(
+            f"expected each of x, y and z at most once, such as xy or xyz, got {text.strip()!r}"
+        )
+    return "".join(sorted(letters))
 
 
 def _radius(text: str) -> float | str:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.periodic import shadowed
 from luxel.kernels.rng import next_state, uniform
-from luxel.kernels.tree_trace import occluded
 from luxel.kernels.warp import cone_direction
 
 __all__ = [
@@ -38,20 +38,20 @@ class Lights(NamedTuple):
     quads: np.ndarray  # (Q, 14) corner, edge u, edge v, normal, area, level
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def _sky(sky, dx, dy, dz):
     slope = _HALF * (_ONE + dx * sky[2] + dy * sky[3] + dz * sky[4])
     return sky[1] + (sky[0] - sky[1]) * slope
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def sky_irradiance(sky, nx, ny, nz):
     """Luminance of an open surface under the sky: (1/π) ∫ L cosθ dω."""
     slope = _HALF * (_ONE + _TWO / np.float32(3) * (nx * sky[2] + ny * sky[3] + nz * sky[4]))
     return sky[1] + (sky[0] - sky[1]) * slope
 
 
-@kernel
+@kernel(borrows=True)
 def _light_distance(lights, ox, oy, oz, dx, dy, dz):
     """Distance to the nearest area light that shines towards the origin of the ray, or FAR."""
     nearest = _FAR
@@ -89,7 +89,7 @@ def _light_distance(lights, ox, oy, oz, dx, dy, dz):
     return nearest
 
 
-@kernel
+@kernel(borrows=True)
 def escape_radiance(lights, ox, oy, oz, dx, dy, dz):
     """Sky radiance along a ray that met no sphere; 0 where an area light stands before the sky.
 
@@ -101,7 +101,7 @@ def escape_radiance(lights, ox, oy, oz, dx, dy, dz):
     return _sky(lights.sky, dx, dy, dz)
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def hidden_by_light(lights, px, py, pz, dx, dy, dz, distance):
     """Whether an area light stands nearer than `distance` along a ray."""
     if lights.globes.shape[0] + lights.quads.shape[0] == 0:
@@ -109,51 +109,59 @@ def hidden_by_light(lights, px, py, pz, dx, dy, dz, distance):
     return _light_distance(lights, px, py, pz, dx, dy, dz) < distance * np.float32(0.9999)
 
 
-@kernel(inline=True)
-def _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, distance, skip):
-    if hidden_by_light(lights, px, py, pz, dx, dy, dz, distance):
+@kernel(inline=True, borrows=True)
+def _blocked(world, work, shadows, px, py, pz, offset, dx, dy, dz, distance, skip):
+    lx, ly, lz = px + offset[0], py + offset[1], pz + offset[2]
+    if hidden_by_light(world.lights, lx, ly, lz, dx, dy, dz, distance):
         return True
-    return shadows and occluded(tree, work, px, py, pz, dx, dy, dz, distance, skip)
+    return shadows and shadowed(world.cell, world, work, px, py, pz, dx, dy, dz, distance, skip)
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def sun_direction(lights, k, u, v):
     """Direction towards a point of sun k's disc, uniform in solid angle."""
     s = lights.suns[k]
     return cone_direction(s[0], s[1], s[2], s[5], u, v)
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def sun_luminance(lights, k, cosine):
     """One-sample estimate of sun k's share of T for an open ray at `cosine` from the normal."""
     s = lights.suns[k]
     return s[3] * cosine * _TWO / (_ONE + s[5])
 
 
-@kernel
-def direct_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, state):
-    """One-sample estimate of (1/π) ∫ L cosθ dω over suns, spheres and quads; returns (luminance, state)."""
+@kernel(borrows=True)
+def direct_light(world, work, shadows, px, py, pz, offset, nx, ny, nz, skip, state):
+    """One-sample estimate of (1/π) ∫ L cosθ dω over suns, spheres and quads; returns (luminance, state).
+
+    The point lies on particle `skip`; `offset` (three numbers) leads to the image of it that is lit, since lights do
+    not repeat with a periodic cell.
+    """
+    lights = world.lights
     total = _ZERO
     for k in range(lights.suns.shape[0]):
         state = next_state(state)
         u, v = uniform(state)
         dx, dy, dz = sun_direction(lights, k, u, v)
         c = nx * dx + ny * dy + nz * dz
-        if c > 0 and not _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, _FAR, skip):
+        if c > 0 and not _blocked(world, work, shadows, px, py, pz, offset, dx, dy, dz, _FAR, skip):
             total += sun_luminance(lights, k, c)
-    area, state = area_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, state)
+    area, state = area_light(world, work, shadows, px, py, pz, offset, nx, ny, nz, skip, state)
     return total + area, state
 
 
-@kernel
-def area_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, state):
+@kernel(borrows=True)
+def area_light(world, work, shadows, px, py, pz, offset, nx, ny, nz, skip, state):
     """As `direct_light`, spheres and quads only."""
+    lights = world.lights
+    lx, ly, lz = px + offset[0], py + offset[1], pz + offset[2]
     total = _ZERO
     for k in range(lights.globes.shape[0]):
         g = lights.globes[k]
         state = next_state(state)
         u, v = uniform(state)
-        cx, cy, cz = g[0] - px, g[1] - py, g[2] - pz
+        cx, cy, cz = g[0] - lx, g[1] - ly, g[2] - lz
         d2 = cx * cx + cy * cy + cz * cz
         r2 = g[3] * g[3]
         if d2 <= r2:
@@ -169,16 +177,16 @@ def area_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, state)
             # As in `_light_distance`, to the bit: the light must not seem to stand before itself.
             ox, oy, oz = cx - b * dx, cy - b * dy, cz - b * dz
             t = b - np.sqrt(max(_ZERO, r2 - (ox * ox + oy * oy + oz * oz)))
-            if not _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, t, skip):
+            if not _blocked(world, work, shadows, px, py, pz, offset, dx, dy, dz, t, skip):
                 total += g[4] * c * _TWO * cap
     for k in range(lights.quads.shape[0]):
         q = lights.quads[k]
         state = next_state(state)
         u, v = uniform(state)
         ex, ey, ez = (
-            q[0] + u * q[3] + v * q[6] - px,
-            q[1] + u * q[4] + v * q[7] - py,
-            q[2] + u * q[5] + v * q[8] - pz,
+            q[0] + u * q[3] + v * q[6] - lx,
+            q[1] + u * q[4] + v * q[7] - ly,
+            q[2] + u * q[5] + v * q[8] - lz,
         )
         d2 = ex * ex + ey * ey + ez * ez
         d = np.sqrt(d2)
@@ -190,7 +198,7 @@ def area_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, skip, state)
         if (
             c > 0
             and facing > 0
-            and not _blocked(tree, work, lights, shadows, px, py, pz, dx, dy, dz, d, skip)
+            and not _blocked(world, work, shadows, px, py, pz, offset, dx, dy, dz, d, skip)
         ):
             total += q[13] * c * facing * q[12] * _INV_PI / d2
     return total, state

@@ -62,6 +62,7 @@ class Near(NamedTuple):
     chosen: np.ndarray  # int32: neighbours that rays of one patch may meet
     hit_t: np.ndarray  # float32 a ray
     hit: np.ndarray  # int32 a ray
+    offset: np.ndarray  # (…, 3) float32 a ray: from the particle hit to the image hit, in periodic cells only
     lanes: np.ndarray
 
 
@@ -73,7 +74,7 @@ def near_scratch(rays):
         np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32),
         np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32),
         np.zeros(size, np.float32), np.zeros(size, np.int32), np.zeros(size, np.int32),
-        np.zeros(rays, np.float32), np.zeros(rays, np.int32), np.zeros(8 * LANES, np.float32),
+        np.zeros(rays, np.float32), np.zeros(rays, np.int32), np.zeros((rays, 3), np.float32), np.zeros(8 * LANES, np.float32),
     )  # fmt: skip
 
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import Lights, direct_light, escape_radiance, sky_irradiance
+from luxel.kernels.periodic import HERE, LOST, Periodic, follow, settle, shadowed
 from luxel.kernels.rng import next_state, uniform
 from luxel.kernels.simd import LANES, any_lane, bits, load, splat, splat_int, trailing_zeros
-from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE, Tree, occluded, trace
+from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE, Tree
 from luxel.kernels.warp import cosine_direction
 
 __all__ = [
@@ -45,9 +46,10 @@ class World(NamedTuple):
     reach: np.float32  # rays of ambient occlusion end here
     max_bounces: int
     seed: np.uint64
+    cell: Periodic | None  # light repeats with it; kernels are compiled apart for None, which costs nothing
 
 
-@kernel
+@kernel(borrows=True)
 def buried(tree, work, x, y, z, skip):
     """Whether a point lies inside any sphere but `skip`."""
     nodes, child, spheres, ids, stack = tree.nodes, tree.child, tree.spheres, tree.ids, work.node
@@ -81,32 +83,40 @@ def buried(tree, work, x, y, z, skip):
     return False
 
 
-@kernel
+@kernel(borrows=True)
 def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
     """One-sample estimate of T(p) = (1/π) ∫ L_in cosθ dω at a point of `sphere`; negative where a neighbour buries it."""
-    tree, lights = world.tree, world.lights
+    lights = world.lights
     if world.model != INTERREFLECTION:
-        if buried(tree, work, px, py, pz, sphere):
+        tree, qx, qy, qz, skip = settle(world.cell, world, px, py, pz, sphere)
+        if buried(tree, work, qx, qy, qz, skip):
             return -_ONE
         return _one_bounce(world, work, sphere, px, py, pz, nx, ny, nz, state)
     state = next_state(state)
     u, v = uniform(state)
     dx, dy, dz = cosine_direction(nx, ny, nz, u, v)
-    t, hit = trace(tree, work, px, py, pz, dx, dy, dz, np.float32(1e30), sphere, False)
+    t, hit, hx, hy, hz, offset = follow(
+        world.cell, world, work, px, py, pz, HERE, dx, dy, dz, np.float32(1e30), sphere
+    )
     if hit >= 0 and t <= 0:
         return (
             -_ONE
         )  # the ray started inside a neighbour: this one trace has answered whether the point is buried
-    total, state = direct_light(tree, work, lights, True, px, py, pz, nx, ny, nz, sphere, state)
+    total, state = direct_light(world, work, True, px, py, pz, HERE, nx, ny, nz, sphere, state)
+    if hit == LOST:
+        return total
     if hit < 0:
         return total + escape_radiance(lights, px, py, pz, dx, dy, dz)
-    return total + path_tail(world, work, hit, px + t * dx, py + t * dy, pz + t * dz, state)
+    return total + path_tail(world, work, hit, hx, hy, hz, offset, state)
 
 
-@kernel
-def path_tail(world, work, sphere, px, py, pz, state):
-    """Estimate the luminance that a path which meets `sphere` at p brings home: albedo · T(p)."""
-    tree, lights = world.tree, world.lights
+@kernel(borrows=True)
+def path_tail(world, work, sphere, px, py, pz, offset, state):
+    """Estimate the luminance that a path which meets `sphere` at p brings home: albedo · T(p).
+
+    `offset` (three numbers) leads from the particle to the image of it that the path met, see `periodic.follow`.
+    """
+    lights = world.lights
     total, weight = _ZERO, _ONE
     bounces = 0
     while bounces < world.max_bounces:
@@ -127,31 +137,37 @@ def path_tail(world, work, sphere, px, py, pz, state):
         state = next_state(state)
         u, v = uniform(state)
         dx, dy, dz = cosine_direction(nx, ny, nz, u, v)
-        t, hit = trace(tree, work, px, py, pz, dx, dy, dz, np.float32(1e30), sphere, False)
+        t, hit, hx, hy, hz, hit_offset = follow(
+            world.cell, world, work, px, py, pz, offset, dx, dy, dz, np.float32(1e30), sphere
+        )
         if hit >= 0 and t <= 0:
             break  # rounding can bury a point where spheres meet
-        direct, state = direct_light(tree, work, lights, True, px, py, pz, nx, ny, nz, sphere, state)
+        direct, state = direct_light(world, work, True, px, py, pz, offset, nx, ny, nz, sphere, state)
         total += weight * direct
+        if hit == LOST:
+            break
         if hit < 0:
-            return total + weight * escape_radiance(lights, px, py, pz, dx, dy, dz)
-        px, py, pz = px + t * dx, py + t * dy, pz + t * dz
-        sphere = hit
+            return total + weight * escape_radiance(
+                lights, px + offset[0], py + offset[1], pz + offset[2], dx, dy, dz
+            )
+        px, py, pz = hx, hy, hz
+        sphere, offset = hit, hit_offset
     return total
 
 
-@kernel
+@kernel(borrows=True)
 def _one_bounce(world, work, sphere, px, py, pz, nx, ny, nz, state):
     """Sky and direct light without interreflection: the three simpler models."""
-    tree, lights = world.tree, world.lights
+    lights = world.lights
     state = next_state(state)
     u, v = uniform(state)
     dx, dy, dz = cosine_direction(nx, ny, nz, u, v)
     total = _ZERO
     if world.model != AO:
         shadows = world.model == SHADOWS
-        total, state = direct_light(tree, work, lights, shadows, px, py, pz, nx, ny, nz, sphere, state)
+        total, state = direct_light(world, work, shadows, px, py, pz, HERE, nx, ny, nz, sphere, state)
         if not shadows:
             return total + sky_irradiance(lights.sky, nx, ny, nz)
-    if not occluded(tree, work, px, py, pz, dx, dy, dz, world.reach, sphere):
+    if not shadowed(world.cell, world, work, px, py, pz, dx, dy, dz, world.reach, sphere):
         total += escape_radiance(lights, px, py, pz, dx, dy, dz)
     return total

@@ -11,10 +11,11 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
-from luxel.kernels.near import RAY, nearest, unblocked
+from luxel.kernels.near import RAY, collect, nearest, unblocked
+from luxel.kernels.periodic import HERE, LOST, follow, image_of, shadowed, surroundings
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import FAR, LANES, trailing_zeros
-from luxel.kernels.tree_trace import trace
+from luxel.kernels.tree_trace import MISS
 
 __all__ = [
     "RayTable",
@@ -23,6 +24,8 @@ __all__ = [
     "add_sunlight",
     "escaping",
     "first_hits",
+    "hit_point",
+    "neighbours",
     "put_ray",
     "ray_start",
     "ray_word",
@@ -33,7 +36,7 @@ __all__ = [
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _ALL = (1 << LANES) - 1
-_NONE = np.int32(-1)
+_NONE = np.int32(MISS)
 _TOUCHING = np.float32(
     1e-6
 )  # a hit beyond the near ball is no start inside a neighbour, whatever rounding says
@@ -45,9 +48,7 @@ class RayTable(NamedTuple):
     rays: np.ndarray  # (sets, blocks * RAY) float32
     suns: np.ndarray  # (suns, sets, blocks * RAY) float32: the same starts, towards points of each sun's disc
     texel: np.ndarray  # (blocks * 16,) int32: the texel of each ray, -1 for padding
-    patches: (
-        np.ndarray
-    )  # (patches, 4) float32: middle of the starts of a patch's rays and largest chord from it
+    patches: np.ndarray  # (patches, 4) float32: middle of the starts of a patch and the largest chord from it
     width: int  # blocks a patch
 
 
@@ -62,13 +63,13 @@ class Site(NamedTuple):
     reach: np.float32
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def set_of(world, particle, sets):
     """Which of the shared ray sets a particle uses."""
     return int(path_key(world.seed, particle, 0, 0, PURPOSE_TEXEL) >> np.uint64(33)) % sets
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def put_ray(rays, o, ax, ay, az, dx, dy, dz):
     """Write a ray at word `o`."""
     rays[o], rays[o + LANES], rays[o + 2 * LANES] = ax, ay, az
@@ -76,20 +77,20 @@ def put_ray(rays, o, ax, ay, az, dx, dy, dz):
     rays[o + 6 * LANES] = ax * dx + ay * dy + az * dz
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def ray_word(k):
     """First word of ray k."""
     return (k // LANES) * RAY + k % LANES
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def ray_start(site, rays, o):
     """Normal and point where a ray starts."""
     ax, ay, az = rays[o], rays[o + LANES], rays[o + 2 * LANES]
     return ax, ay, az, site.x + site.r * ax, site.y + site.r * ay, site.z + site.r * az
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def sky_along(world, site, rays, o):
     """What an unblocked ray sees."""
     _, _, _, px, py, pz = ray_start(site, rays, o)
@@ -98,49 +99,101 @@ def sky_along(world, site, rays, o):
     )
 
 
-@kernel(inline=True)
-def _beyond(world, work, site, rays, o, t, any_hit):
-    """Follow a ray from where it leaves the near ball up to distance t; returns (distance, particle), -1 for a miss."""
+@kernel(borrows=True)
+def neighbours(world, work, near, particle):
+    """Collect the neighbours of a particle, images among them; returns (count, reach), see ``near.collect``."""
+    tree, x, y, z, complete = surroundings(world.cell, world, particle)
+    r = world.radii[particle]
+    count, reach = collect(tree, work, near, x, y, z, r, particle)
+    return count, min(reach, complete / r)
+
+
+@kernel(inline=True, borrows=True)
+def _leave(site, rays, o):
+    """Distance at which a ray leaves the near ball, and the point there."""
     w = rays[o + 6 * LANES]
     reach = site.reach
     start = np.sqrt(max(_ZERO, w * w + reach * reach - _ONE)) - w if reach > _ONE else _ZERO
+    px = site.x + site.r * (rays[o] + start * rays[o + 3 * LANES])
+    py = site.y + site.r * (rays[o + LANES] + start * rays[o + 4 * LANES])
+    pz = site.z + site.r * (rays[o + 2 * LANES] + start * rays[o + 5 * LANES])
+    return start, px, py, pz
+
+
+@kernel(inline=True, borrows=True)
+def _beyond(world, work, site, rays, o, t):
+    """Follow a ray from where it leaves the near ball up to distance t; returns (distance, particle, offset)."""
+    start, px, py, pz = _leave(site, rays, o)
     if t <= start:
-        return t, _NONE
-    dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
-    px = site.x + site.r * (rays[o] + start * dx)
-    py = site.y + site.r * (rays[o + LANES] + start * dy)
-    pz = site.z + site.r * (rays[o + 2 * LANES] + start * dz)
+        return t, _NONE, HERE
     limit = (t - start) * site.r if t < FAR else FAR
-    s, hit = trace(world.tree, work, px, py, pz, dx, dy, dz, limit, site.sphere, any_hit)
-    return start + s / site.r, hit
+    s, hit, _, _, _, offset = follow(
+        world.cell, world, work, px, py, pz, HERE, rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES],
+        limit, site.sphere,
+    )  # fmt: skip
+    return start + s / site.r, hit, offset
 
 
-@kernel
+@kernel(inline=True, borrows=True)
+def _stopped(world, work, site, rays, o):
+    """Whether anything stops a ray beyond the near ball."""
+    _, px, py, pz = _leave(site, rays, o)
+    dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
+    return shadowed(world.cell, world, work, px, py, pz, dx, dy, dz, FAR, site.sphere)
+
+
+@kernel(inline=True, borrows=True)
+def _note_offset(cell, near, k, offset):
+    if cell is not None:
+        near.offset[k, 0], near.offset[k, 1], near.offset[k, 2] = offset
+
+
+@kernel(inline=True, borrows=True)
+def hit_point(cell, near, k, px, py, pz):
+    """Move the point that ray k hits to the particle where the file has it; returns it and the offset back."""
+    if cell is None:
+        return px, py, pz, HERE
+    else:
+        x, y, z = near.offset[k, 0], near.offset[k, 1], near.offset[k, 2]
+        return px - x, py - y, pz - z, (x, y, z)
+
+
+@kernel(borrows=True)
 def first_hits(world, work, near, found, site, rays, first, count):
-    """Nearest hits of `count` rays from word `first`: near.hit_t, 0 for a start inside a neighbour; near.hit: particle or -1."""
+    """Nearest hits of `count` rays from word `first`, within ``world.reach`` at least.
+
+    Writes near.hit_t, 0 for a start inside a neighbour; near.hit: particle, MISS or LOST; near.offset.
+    """
     nearest(near, found, rays, first, (count + LANES - 1) // LANES, 0)
+    most = world.reach / site.r
     for k in range(count):
         t, hit = near.hit_t[k], near.hit[k]
-        particle = near.id[hit] if hit >= 0 else _NONE
-        beyond, other = _beyond(world, work, site, rays, first + ray_word(k), t, False)
+        particle, offset = _NONE, HERE
+        if hit >= 0:
+            particle, offset = image_of(world.cell, world, site.sphere, near.id[hit])
+        beyond, other, other_offset = _beyond(world, work, site, rays, first + ray_word(k), min(t, most))
         if other >= 0:
-            t, particle = max(beyond, _TOUCHING) if site.reach > _ONE else beyond, other
+            t = max(beyond, _TOUCHING) if site.reach > _ONE else beyond
+            particle, offset = other, other_offset
+        elif other == LOST and hit < 0:
+            particle = other
         near.hit_t[k], near.hit[k] = t, particle
+        _note_offset(world.cell, near, k, offset)
 
 
-@kernel
+@kernel(borrows=True)
 def within_reach(world, work, near, found, site, rays, first, count, values, base):
     """Sky radiance for rays that nothing stops within ``world.reach``, else 0; -1 for starts inside a neighbour."""
     first_hits(world, work, near, found, site, rays, first, count)
     for k in range(count):
         t = near.hit_t[k]
-        if near.hit[k] >= 0 and t * site.r < world.reach:
+        if near.hit[k] == LOST or (near.hit[k] >= 0 and t * site.r < world.reach):
             values[base + k] = -_ONE if t <= 0 else _ZERO
         else:
             values[base + k] = sky_along(world, site, rays, first + ray_word(k))
 
 
-@kernel
+@kernel(borrows=True)
 def escaping(world, work, near, found, site, rays, first, count, values, base):
     """Sky radiance for rays that nothing stops, else 0."""
     for block in range((count + LANES - 1) // LANES):
@@ -148,12 +201,12 @@ def escaping(world, work, near, found, site, rays, first, count, values, base):
         open_ = unblocked(near, found, rays, o, _ALL)
         for lane in range(min(LANES, count - block * LANES)):
             value = _ZERO
-            if open_ >> lane & 1 and _beyond(world, work, site, rays, o + lane, FAR, True)[1] < 0:
+            if open_ >> lane & 1 and not _stopped(world, work, site, rays, o + lane):
                 value = sky_along(world, site, rays, o + lane)
             values[base + block * LANES + lane] = value
 
 
-@kernel
+@kernel(borrows=True)
 def add_sunlight(world, work, near, found, site, sun, rays, first, count, values, base):
     """Add sun `sun`'s light to values that are not negative; rays point towards its disc."""
     for block in range((count + LANES - 1) // LANES):
@@ -169,7 +222,7 @@ def add_sunlight(world, work, near, found, site, sun, rays, first, count, values
             lane = trailing_zeros(open_)
             open_ &= open_ - 1
             q = o + lane
-            if _beyond(world, work, site, rays, q, FAR, True)[1] >= 0:
+            if _stopped(world, work, site, rays, q):
                 continue
             _, _, _, px, py, pz = ray_start(site, rays, q)
             dx, dy, dz = rays[q + 3 * LANES], rays[q + 4 * LANES], rays[q + 5 * LANES]
@@ -177,17 +230,16 @@ def add_sunlight(world, work, near, found, site, sun, rays, first, count, values
                 values[at + lane] += sun_luminance(world.lights, sun, rays[q + 6 * LANES])
 
 
-@kernel
-def add_direct(world, work, near, found, site, table, chosen_set, first, first_block, count, values):
-    """Add suns and area lights to the exposed values of a patch."""
+@kernel(borrows=True)
+def add_direct(world, work, near, found, site, table, chosen_set, block, count, values):
+    """Add suns and area lights to those of `count` values, of rays from `block` on, that are not negative."""
+    first = block * RAY
     for q in range(world.lights.suns.shape[0]):
         add_sunlight(world, work, near, found, site, q, table.suns[q, chosen_set], first, count, values, 0)
     if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:
         return
     for s in range(count):
         if values[s] >= 0:
-            state = path_key(world.seed, site.sphere, first_block * LANES + s, 1, PURPOSE_TEXEL)
+            state = path_key(world.seed, site.sphere, block * LANES + s, 1, PURPOSE_TEXEL)
             ax, ay, az, px, py, pz = ray_start(site, table.rays[chosen_set], first + ray_word(s))
-            values[s] += area_light(
-                world.tree, work, world.lights, True, px, py, pz, ax, ay, az, site.sphere, state
-            )[0]
+            values[s] += area_light(world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, state)[0]

@@ -12,12 +12,22 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.near import RAY, collect, near_scratch, patch_neighbours
+from luxel.kernels.near import RAY, near_scratch, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION, path_tail
-from luxel.kernels.rays import Site, add_direct, first_hits, ray_start, ray_word, set_of, sky_along
+from luxel.kernels.rays import (
+    Site,
+    add_direct,
+    first_hits,
+    hit_point,
+    neighbours,
+    ray_start,
+    ray_word,
+    set_of,
+    sky_along,
+)
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import LANES
-from luxel.kernels.tree_trace import scratch
+from luxel.kernels.tree_trace import MISS, scratch
 
 __all__ = ["Records", "make_records", "record_luminance"]
 
@@ -34,7 +44,7 @@ class Records(NamedTuple):
     lit: np.ndarray  # (N,) bool: whether any ray saw a sun or an area light
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrows=True)
 def record_luminance(rest, particle, x, y, z):
     """Sky and bounces of a record towards the unit normal (x, y, z)."""
     c = rest[particle]
@@ -59,7 +69,7 @@ def make_records(world, table, ids, records):
         x, y, z, r = world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i]
         chosen_set = set_of(world, i, table.rays.shape[0])
         rays = table.rays[chosen_set]
-        neighbours, reach = collect(world.tree, work, near, x, y, z, r, i)
+        known, reach = neighbours(world, work, near, i)
         site = Site(i, x, y, z, r, reach)
         any_light = False
         for patch in range(table.patches.shape[0]):
@@ -67,29 +77,29 @@ def make_records(world, table, ids, records):
             first, at = block * RAY, block * LANES
             here = min(table.width, blocks - block) * LANES
             p = table.patches[patch]
-            found = patch_neighbours(near, neighbours, p[0], p[1], p[2], p[3])
+            found = patch_neighbours(near, known, p[0], p[1], p[2], p[3])
             first_hits(world, work, near, found, site, rays, first, here)
             for s in range(here):
                 t, hit = near.hit_t[s], near.hit[s]
                 o = first + ray_word(s)
                 value = _ZERO
-                if hit < 0 or t * r >= world.reach:
+                if hit == MISS or (hit >= 0 and t * r >= world.reach):
                     value = sky_along(world, site, rays, o)
-                elif t <= 0:
+                elif hit >= 0 and t <= 0:
                     value = -_ONE
-                elif bounces:
+                elif hit >= 0 and bounces:
                     _, _, _, px, py, pz = ray_start(site, rays, o)
                     t *= r
-                    value = path_tail(
-                        world, work, hit, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
-                        pz + t * rays[o + 5 * LANES], path_key(world.seed, i, at + s, 3, PURPOSE_TEXEL),
+                    px, py, pz, offset = hit_point(
+                        world.cell, near, s, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
+                        pz + t * rays[o + 5 * LANES],
                     )  # fmt: skip
+                    state = path_key(world.seed, i, at + s, 3, PURPOSE_TEXEL)
+                    value = path_tail(world, work, hit, px, py, pz, offset, state)
                 values[at + s] = value
                 lit[at + s] = min(_ZERO, value)
                 any_light |= value > 0
-            add_direct(
-                world, work, near, found, site, table, chosen_set, first, block, here, lit[at : at + here]
-            )
+            add_direct(world, work, near, found, site, table, chosen_set, block, here, lit[at : at + here])
         if any_light:
             _fit(rays, count, values, records.rest[k], 9)
         else:

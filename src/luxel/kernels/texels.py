@@ -10,13 +10,16 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, sun_direction
 from luxel.kernels.mapping import texel_direction
-from luxel.kernels.near import RAY, collect, near_scratch, patch_neighbours
+from luxel.kernels.near import RAY, near_scratch, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at, path_tail
+from luxel.kernels.periodic import HERE, LOST
 from luxel.kernels.rays import (
     Site,
     add_sunlight,
     escaping,
     first_hits,
+    hit_point,
+    neighbours,
     put_ray,
     ray_start,
     ray_word,
@@ -75,17 +78,16 @@ def _paths(world, work, near, found, site, rays, count, values, states):
             continue
         o = ray_word(s)
         ax, ay, az, px, py, pz = ray_start(site, rays, o)
-        value, state = area_light(
-            world.tree, work, world.lights, True, px, py, pz, ax, ay, az, site.sphere, states[s]
-        )
-        if hit < 0:
-            value += sky_along(world, site, rays, o)
-        else:
+        value, state = area_light(world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, states[s])
+        if hit >= 0:
             t *= site.r
-            value += path_tail(
-                world, work, hit, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
-                pz + t * rays[o + 5 * LANES], state,
+            hx, hy, hz, offset = hit_point(
+                world.cell, near, s, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
+                pz + t * rays[o + 5 * LANES],
             )  # fmt: skip
+            value += path_tail(world, work, hit, hx, hy, hz, offset, state)
+        elif hit != LOST:
+            value += sky_along(world, site, rays, o)
         values[s] = value
 
 
@@ -95,9 +97,7 @@ def _area_lights(world, work, site, rays, count, values, states):
         return
     for s in range(count):
         ax, ay, az, px, py, pz = ray_start(site, rays, ray_word(s))
-        values[s] += area_light(
-            world.tree, work, world.lights, True, px, py, pz, ax, ay, az, site.sphere, states[s]
-        )[0]
+        values[s] += area_light(world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, states[s])[0]
 
 
 @kernel
@@ -130,7 +130,7 @@ def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
     for k in range(ids.shape[0]):
         i = ids[k]
         x, y, z, r = world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i]
-        neighbours, reach = collect(world.tree, work, near, x, y, z, r, i)
+        known, reach = neighbours(world, work, near, i)
         site = Site(i, x, y, z, r, reach)
         for texel in range(texels * texels):
             _draw(world, mapping, i, texel, texels, grid, rays, sun_rays, states)
@@ -138,7 +138,7 @@ def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
                 _plain(world, work, site, rays, count, values, states)
             else:
                 f = frames[texel]
-                found = patch_neighbours(near, neighbours, f[0], f[1], f[2], f[3])
+                found = patch_neighbours(near, known, f[0], f[1], f[2], f[3])
                 for s in range(count):
                     states[s] += after_suns
                 if world.model == INTERREFLECTION:

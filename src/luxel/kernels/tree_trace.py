@@ -62,7 +62,7 @@ def scratch(stack_size):
     )
 
 
-@kernel
+@kernel(borrows=True)
 def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
     """Follow one ray from (ox, oy, oz) along the unit vector (dx, dy, dz) for at most `limit`.
 
@@ -155,7 +155,7 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
         current = stack[height]
 
 
-@kernel
+@kernel(borrows=True)
 def occluded(tree, work, ox, oy, oz, dx, dy, dz, limit, skip):
     """Whether any sphere but `skip` meets the ray before `limit`."""
     return trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, True)[1] >= 0

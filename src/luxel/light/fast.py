@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.gather import add_bounces, average_texels, trace_texels
+from luxel.kernels.gather import Hits, add_bounces, average_texels, trace_texels
 from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, World
 from luxel.kernels.rays import RayTable
 from luxel.kernels.texels import sample_texels
@@ -103,11 +103,16 @@ class FastLight:
             return draw_paths(world, self._mapping, self._texels, samples, ids)
         table = self._table(samples, drawing)
         shape = (len(ids), len(table.texel))
-        values, hits = np.empty(shape, np.float32), np.empty(shape, np.int32)
-        distance = np.empty(shape, np.float32)
-        trace_texels(world, table, ids, values, hits, distance)
+        values = np.empty(shape, np.float32)
+        images = shape[1] if world.cell is not None else 0
+        hits = Hits(
+            np.empty(shape, np.int32),
+            np.empty((*shape, 3), np.float32),
+            np.empty((len(ids), images, 3), np.float32),
+        )
+        trace_texels(world, table, ids, values, hits)
         if world.model == INTERREFLECTION and world.albedo > 0:
-            add_bounces(world, table, self._book.having(hits), ids, values, hits, distance)
+            add_bounces(world, self._book.having(hits.particle), ids, values, hits)
         found = _empty(len(ids), self._texels)
         average_texels(table, values, *found)
         return found

@@ -7,6 +7,7 @@ import numpy as np
 from luxel.errors import InputError
 from luxel.kernels import path
 from luxel.light.lights import pack_lights
+from luxel.light.periodic import make_periodic
 from luxel.scene.scene import Scene
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import SphereTree
@@ -24,9 +25,17 @@ _UNLIMITED_BOUNCES = 2**31 - 1
 
 
 def make_world(
-    scene: Scene, *, seed: int = 0, max_bounces: int | None = None, tree: SphereTree | None = None
+    scene: Scene,
+    *,
+    seed: int = 0,
+    max_bounces: int | None = None,
+    tree: SphereTree | None = None,
+    ghost_reach: float | None = None,
 ) -> path.World:
-    """Return what light kernels take; reuses `tree` when it was built for the same particles."""
+    """Return what light kernels take; reuses `tree` when it was built for the same particles.
+
+    `ghost_reach` matters to periodic scenes only, see :func:`luxel.light.periodic.make_periodic`.
+    """
     if not 0 <= seed < 2**63:
         raise InputError(f"seed must be a whole number in 0..2^63-1, got {seed}")
     spheres = SphereSet.of(scene.particles)
@@ -35,8 +44,13 @@ def make_world(
     reach = _NO_LIMIT
     if scene.model == "ao" and scene.ao_distance is not None:
         reach = np.float32(spheres.length_to_unit(scene.ao_distance))
+    arrays, cell = tree.arrays, None
+    if scene.axes:
+        cell = make_periodic(scene, ghost_reach)
+        # Whoever makes room for rays in the tree of pictures makes room for light's tree too.
+        arrays = arrays._replace(stack_size=max(arrays.stack_size, cell.tree.stack_size))
     return path.World(
-        tree.arrays,
+        arrays,
         pack_lights(scene, spheres),
         spheres.centers,
         spheres.radii,
@@ -45,4 +59,5 @@ def make_world(
         reach,
         _UNLIMITED_BOUNCES if max_bounces is None else max_bounces,
         np.uint64(seed),
+        cell,
     )

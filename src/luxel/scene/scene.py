@@ -14,6 +14,7 @@ import numpy as np
 from luxel.errors import InputError
 from luxel.particles import Particles
 from luxel.scene.lights import Light, QuadLight, Sky, SphereLight, Sun, default_lights
+from luxel.scene.periodic import checked_cell, parse_axes
 
 __all__ = ["MODELS", "Model", "Scene"]
 
@@ -40,11 +41,18 @@ class Scene:
         One luminance albedo for all particles, [0, 1]. Colours do not matter here (paper 3.1).
     ao_distance
         For ``"ao"``: spheres farther than this do not occlude, in file units; None means no limit.
+    periodic
+        Cell vectors along which the particles repeat without end, for light only: letters of ``"xyz"`` (first,
+        second, third vector) or three flags; kept as letters. Pictures show the particles as they are. Sphere and quad
+        lights do not repeat. No sky or sun reaches into what repeats along all three.
+    periodic_images
+        A ray that has crossed more periodic faces than this without a hit ends in the dark.
 
     Raises
     ------
     InputError
-        For no particles, an unknown model, values out of range.
+        For no particles, an unknown model, values out of range; for `periodic` without a cell whose vectors
+        span these axes.
     """
 
     particles: Particles
@@ -52,6 +60,8 @@ class Scene:
     model: Model = "interreflection"
     albedo: float = 0.7
     ao_distance: float | None = None
+    periodic: str | Sequence[bool] = ""
+    periodic_images: int = 8
 
     def __post_init__(self) -> None:
         if not isinstance(self.particles, Particles):
@@ -74,7 +84,19 @@ class Scene:
             raise InputError(f"albedo must be in [0, 1], got {self.albedo}")
         if self.ao_distance is not None and not (math.isfinite(self.ao_distance) and self.ao_distance > 0):
             raise InputError(f"ao_distance must be positive, got {self.ao_distance}")
+        if not isinstance(self.periodic_images, int) or not 0 <= self.periodic_images <= 10_000:
+            raise InputError(
+                f"periodic_images must be a whole number in 0..10000, got {self.periodic_images!r}"
+            )
         object.__setattr__(self, "lights", lights)
+        object.__setattr__(self, "periodic", parse_axes(self.periodic))
+        if self.axes:
+            checked_cell(self.particles, self.axes)
+
+    @property
+    def axes(self) -> str:
+        """The periodic axes in order, such as ``"xy"``; empty for a scene that does not repeat."""
+        return cast(str, self.periodic)
 
     @property
     def sources(self) -> tuple[Light, ...]:
@@ -93,6 +115,10 @@ class Scene:
         digest.update(_particles_digest(self.particles))
         digest.update(repr([_describe(light) for light in self.sources]).encode())
         digest.update(repr((self.model, float(self.albedo), self.ao_distance)).encode())
+        if self.axes:
+            cell = checked_cell(self.particles, self.axes)
+            digest.update(repr((self.axes, self.periodic_images)).encode())
+            digest.update(np.ascontiguousarray([*cell.vectors, cell.origin]).data)
         return digest.hexdigest()
 
     def with_changes(self, **changes: Any) -> Scene:
