@@ -107,14 +107,15 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
         return total
     if hit < 0:
         return total + escape_radiance(lights, px, py, pz, dx, dy, dz)
-    return total + path_tail(world, work, hit, hx, hy, hz, offset, state)
+    return total + path_tail(world, work, hit, hx, hy, hz, offset, state, 0)
 
 
 @kernel(borrows=True)
-def path_tail(world, work, sphere, px, py, pz, offset, state):
+def path_tail(world, work, sphere, px, py, pz, offset, state, sure):
     """Estimate the luminance that a path which meets `sphere` at p brings home: albedo · T(p).
 
     `offset` (three numbers) leads from the particle to the image of it that the path met, see `periodic.follow`.
+    Roulette spares the first `sure` bounces.
     """
     lights = world.lights
     total, weight = _ZERO, _ONE
@@ -122,12 +123,13 @@ def path_tail(world, work, sphere, px, py, pz, offset, state):
     while bounces < world.max_bounces:
         bounces += 1
         weight *= world.albedo
-        survival = min(weight, _ONE if bounces <= _PATIENCE else _SURVIVAL)
-        state = next_state(state)
-        u, v = uniform(state)
-        if u >= survival:
-            break
-        weight /= survival
+        if bounces > sure:
+            survival = min(weight, _ONE if bounces <= _PATIENCE else _SURVIVAL)
+            state = next_state(state)
+            u, v = uniform(state)
+            if u >= survival:
+                break
+            weight /= survival
         cx, cy, cz = world.centers[sphere, 0], world.centers[sphere, 1], world.centers[sphere, 2]
         hx, hy, hz = px - cx, py - cy, pz - cz
         scale = _ONE / np.sqrt(hx * hx + hy * hy + hz * hz)

@@ -8,11 +8,13 @@ dimensions, paper 3.3). Independent of the camera, so it cannot shimmer.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.kernels.filter import Learned, filter_textures
 from luxel.light.mapping import Mapping, texel_neighbours, texel_solid_angles
 
 __all__ = ["Samples", "TextureFilter", "dilate", "standard_error"]
@@ -138,46 +140,25 @@ class TextureFilter:
                 samples, self.mapping
             )
         shape = samples.mean.shape
-        count, size = shape[0], shape[1] * shape[2]
-        mean, spread, weight = (x.reshape(count, size).astype(np.float64) for x in samples)
-        seen = weight > 0
-        known = weight > 1
-        noise = (np.where(known, spread, 0.0).sum(axis=1) + _PRIOR_TEXELS * self.noise) / (
-            known.sum(axis=1) + _PRIOR_TEXELS
+        flat = [np.ascontiguousarray(x).reshape(shape[0], -1) for x in samples]
+        found, variance = (
+            np.empty((shape[0], shape[1] * shape[2]), np.float32),
+            np.empty(shape[0], np.float32),
         )
-        noise = np.maximum(self.gain * noise, 1e-12)[:, None]
-        # What the basis cannot express counts as noise for its coefficients, and is kept texel by texel afterwards.
-        gain = weight * self.rest / (noise + weight * self.rest)
-        weight /= noise + weight * self.rest
-        # Stacked products and solves run one texture at a time inside: the same bits whatever the batch.
-        projected = self.basis[None] * weight[:, None, :]
-        matrix = projected @ self.basis.T
-        diagonal = np.arange(len(self.power))
-        matrix[:, diagonal, diagonal] += 1.0 / self.power
-        inverse = np.linalg.inv(matrix)
-        coefficients = inverse @ (projected @ (mean - self.mean)[:, :, None])
-        estimate = self.mean + (coefficients.swapaxes(1, 2) @ self.basis)[:, 0]
-        estimate = np.maximum(estimate + gain * (mean - estimate), 0.0)
-        # What no sample saw is predicted, but never beyond what was seen elsewhere on the same particle.
-        low = np.where(seen, estimate, np.inf).min(axis=1, keepdims=True)
-        high = np.where(seen, estimate, -np.inf).max(axis=1, keepdims=True)
-        estimate = np.where(seen | (high < low), estimate, np.minimum(np.maximum(estimate, low), high))
-        estimate[~seen.any(axis=1)] = 0.0
-        error = self._error(inverse, gain, seen)
-        return np.asarray(estimate.reshape(shape), np.float32), np.asarray(error, np.float32)
+        filter_textures(self._packed, *flat, found, variance)
+        variance = np.maximum(variance, 1e-20)
+        factors = np.interp(np.log(variance), np.log(np.maximum(self.bins, 1e-20)), self.factors)
+        return found.reshape(shape), np.asarray(np.sqrt(variance * factors), dtype=np.float32)
 
-    def _error(self, inverse: Float, gain: Float, seen: NDArray[np.bool_]) -> Float:
-        """Posterior standard deviation over exposed texels, corrected by what training found."""
-        weights = np.where(seen, self.weights, 0.0)
-        total = np.maximum(weights.sum(axis=1), 1e-9)
-        share = weights * (1.0 - gain) ** 2
-        inner = (self.basis[None] * share[:, None, :]) @ self.basis.T
-        variance = (inverse * inner).sum(axis=(1, 2)) + (weights * self.rest * (1.0 - gain)).sum(axis=1)
-        variance /= total
-        factors = np.interp(
-            np.log(np.maximum(variance, 1e-20)), np.log(np.maximum(self.bins, 1e-20)), self.factors
-        )
-        return np.sqrt(variance * factors)
+    @cached_property
+    def _packed(self) -> Learned:
+        def single(values: Float) -> NDArray[np.float32]:
+            return np.ascontiguousarray(values, dtype=np.float32)
+
+        return Learned(
+            single(self.mean), single(self.basis.T), single(self.power), single(self.rest), single(self.weights),
+            np.float32(self.noise), np.float32(self.gain), np.float32(_PRIOR_TEXELS),
+        )  # fmt: skip
 
 
 def standard_error(samples: Samples, mapping: Mapping) -> NDArray[np.float32]:

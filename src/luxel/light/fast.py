@@ -1,4 +1,4 @@
-"""``fast`` mode: gather from records, filter in texture space, say how large the error is left."""
+"""``fast`` mode: few samples, well spread; a filter in texture space; and how large the error is that is left."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.gather import Hits, add_bounces, average_texels, trace_texels
-from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, World
+from luxel.kernels.gather import gather_texels
+from luxel.kernels.path import LAMBERTIAN, World
 from luxel.kernels.rays import RayTable
 from luxel.kernels.texels import sample_texels
 from luxel.light.denoise import Samples, TextureFilter
@@ -89,41 +89,27 @@ class FastLight:
         """Return coarse records, see :meth:`luxel.light.records.RecordBook.first_light`."""
         return self._book.first_light(ids)
 
+    def _drawn(self, drawing: int) -> World:
+        """Return the world of an independent drawing."""
+        seed = (int(self._world.seed) + drawing * 0x9E3779B97F4A7C15) % 2**64
+        return self._world._replace(seed=np.uint64(seed))
+
     def _dark(self, ids: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Whose record saw no light."""
-        records = self._book.having(ids)
-        return ~records.whole[ids].any(axis=1)
+        return ~self._book.first_light(ids).any(axis=1)
 
     def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int) -> Samples:
-        world = self._world
-        if drawing:
-            seed = (int(world.seed) + drawing * 0x9E3779B97F4A7C15) % 2**64
-            world = world._replace(seed=np.uint64(seed))
+        world = self._drawn(drawing)
         if self._by_paths:
             return draw_paths(world, self._mapping, self._texels, samples, ids)
-        table = self._table(samples, drawing)
-        shape = (len(ids), len(table.texel))
-        values = np.empty(shape, np.float32)
-        images = shape[1] if world.cell is not None else 0
-        hits = Hits(
-            np.empty(shape, np.int32),
-            np.empty((*shape, 3), np.float32),
-            np.empty((len(ids), images, 3), np.float32),
-        )
-        trace_texels(world, table, ids, values, hits)
-        if world.model == INTERREFLECTION and world.albedo > 0:
-            add_bounces(world, self._book.having(hits.particle), ids, values, hits)
         found = _empty(len(ids), self._texels)
-        average_texels(table, values, *found)
+        gather_texels(world, self._table(samples, drawing), ids, *found)
         return found
 
     @property
     def _by_paths(self) -> bool:
-        """Whether rays are not gathers: without shadows, or with limited bounces, since records know all or none."""
-        world = self._world
-        if world.model == LAMBERTIAN:
-            return True
-        return world.model == INTERREFLECTION and world.albedo > 0 and world.max_bounces < 2**31 - 1
+        """Whether samples are drawn as in ``paper`` mode: unshadowed light knows no rays to share."""
+        return self._world.model == LAMBERTIAN
 
     def _table(self, samples: int, drawing: int) -> RayTable:
         # Made again by two threads at once, a table comes out the same.

@@ -1,4 +1,4 @@
-"""The records of a scene, made when they are first asked for."""
+"""Coarse records of the light on particles, made when they are first asked for: what is shown until textures come."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels import records as kernels
+from luxel.kernels.gather import coarse_records
 from luxel.kernels.path import World
 from luxel.kernels.rays import RayTable
 from luxel.light.ray_sets import make_ray_table
@@ -19,7 +19,7 @@ _SETS = 256
 
 
 class RecordBook:
-    """Coarse light on the particles of one world; 54 bytes a particle. Safe to share between threads.
+    """Coarse light on the particles of one world; 17 bytes a particle. Safe to share between threads.
 
     A record depends on its particle alone: two threads that make it at once write the same.
     """
@@ -30,34 +30,20 @@ class RecordBook:
         self._table: RayTable | None = None
         self._lock = threading.Lock()
         self._known = np.zeros(count, np.bool_)
-        self._arrays = _records(count)
-
-    def having(self, ids: NDArray[np.int32]) -> kernels.Records:
-        """Return all records, those of `ids` (any shape, negative for none) made if need be."""
-        wanted = np.unique(ids[ids >= 0])
-        with self._lock:
-            missing = wanted[~self._known[wanted]]
-            if self._table is None:
-                self._table = make_ray_table(
-                    "latlong", (_ROWS, _COLUMNS), 1, self._world.lights.suns, sets=_SETS
-                )
-        if len(missing):
-            made = _records(len(missing))
-            kernels.make_records(self._world, self._table, missing, made)
-            with self._lock:
-                for mine, new in zip(self._arrays, made, strict=True):
-                    mine[missing] = new
-                self._known[missing] = True
-        return self._arrays
+        self._records = np.zeros((count, 4), np.float32)
 
     def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
         """Return (K, 4) float32: luminance towards unit normal n is about max(0, c0 + c1 nx + c2 ny + c3 nz), c0 >= 0."""
-        found = self.having(ids).whole[ids]
-        found[:, 0] = np.maximum(found[:, 0], 0.0)
-        return found
-
-
-def _records(count: int) -> kernels.Records:
-    return kernels.Records(
-        np.zeros((count, 4), np.float32), np.zeros((count, 9), np.float32), np.zeros(count, np.bool_)
-    )
+        with self._lock:
+            missing = ids[~self._known[ids]]
+            if self._table is None:
+                suns = self._world.lights.suns
+                self._table = make_ray_table("latlong", (_ROWS, _COLUMNS), 1, suns, sets=_SETS)
+        if len(missing):
+            made = np.empty((len(missing), 4), np.float32)
+            coarse_records(self._world, self._table, missing, made)
+            made[:, 0] = np.maximum(made[:, 0], 0.0)
+            with self._lock:
+                self._records[missing] = made
+                self._known[missing] = True
+        return self._records[ids]
