@@ -35,9 +35,10 @@ class Effort:
     truth_lights: tuple[str, ...]
     timed_count: int
     fast_samples: tuple[int, ...]
-    side: int
+    side: int  # of the view
+    picture_side: int
     pixel_samples: int
-    everything: bool
+    patience_s: float  # longer bakes are extrapolated
     sizes: tuple[int, ...]
     scaling_textures: int
     packed_count: int
@@ -45,25 +46,14 @@ class Effort:
 
 
 _QUICK = Effort(
-    3,
-    192,
-    64,
-    24,
-    1024,
-    ("sky+sun",),
-    32,
-    (1, 4, 9, 16),
-    512,
-    36,
-    False,
-    (10_000, 100_000, 1_000_000),
-    512,
-    20_000,
-    256,
-)
+    rounds=3, ao_count=96, path_count=32, truth_count=16, truth_samples=576, truth_lights=("sky+sun",), timed_count=32,
+    fast_samples=(1, 4, 9, 16), side=512, picture_side=192, pixel_samples=36, patience_s=5.0,
+    sizes=(10_000, 100_000, 1_000_000), scaling_textures=512, packed_count=20_000, packed_textures=128,
+)  # fmt: skip
 _FULL = Effort(
-    5, 2048, 512, 128, 4096, ("sky", "sky+sun"), 128, (1, 4, 9, 16), 1024, 144, True,
-    (10_000, 100_000, 1_000_000, 10_000_000), 2048, 100_000, 2048,
+    rounds=5, ao_count=1024, path_count=256, truth_count=64, truth_samples=4096, truth_lights=("sky", "sky+sun"),
+    timed_count=128, fast_samples=(1, 4, 9, 16), side=1024, picture_side=1024, pixel_samples=144, patience_s=120.0,
+    sizes=(10_000, 100_000, 1_000_000, 10_000_000), scaling_textures=2048, packed_count=100_000, packed_textures=1024,
 )  # fmt: skip
 
 
@@ -97,7 +87,7 @@ def main() -> None:
         report(f"light: error against {effort.truth_samples} samples", table, chosen.json)
         report("light: price at the RMSE of 49 raw samples", prices, chosen.json)
     if "view" in chosen.only:
-        rows = one_view(sets[0], effort.side, effort.pixel_samples, effort.everything)
+        rows = one_view(sets[0], effort.side, effort.picture_side, effort.pixel_samples, effort.patience_s)
         report("light: one view of the plate", rows, chosen.json)
     if "scaling" in chosen.only:
         rows = scaling(list(effort.sizes), effort.scaling_textures)

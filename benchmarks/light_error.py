@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 import luxel
 from benchmarks.light_scenes import ISA, DataSet
 from benchmarks.light_speed import SAMPLES, Rows, bake_of
 from benchmarks.measure import interleaved, ratio
-from luxel.kernels.jit import kernel
 from luxel.kernels.shade import develop
 from luxel.light.lights import scene_white
 from luxel.scene.colormap import linear_to_srgb
@@ -26,13 +24,13 @@ from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
 from luxel.trace.tree import thread_count
 from tests.embree_light import EmbreeBaker
+from tests.light.exposure import open_fraction
 
 _TRUTHS = Path(__file__).parents[1] / "out" / "truth"
 _TRUTH_SEED = 987_654_321
 _LIT = 0.01
 # A texel of which less than this lies in the open is left out: its truth rests on few samples.
 _OPEN = 0.5
-_FINE = 24  # points along a texel, to measure how much of it lies in the open
 
 
 @dataclass(frozen=True)
@@ -79,47 +77,6 @@ def truth_of(scene: luxel.Scene, ids: NDArray[np.int32], samples: int) -> Truth:
     return Truth(ids, luminance, weight, samples)
 
 
-def open_fraction(particles: luxel.Particles, ids: NDArray[np.int32], texels: int) -> NDArray[np.float64]:
-    """(K, T, T) share of each texel, uniform in (u, v), that lies in no other particle."""
-    positions, radii = particles.local.astype(np.float64), particles.radii.astype(np.float64)
-    fraction = np.empty((len(ids), texels, texels))
-    # Searched by classes of size, so that one giant does not make every particle everyone's neighbour.
-    size = np.floor(np.log2(radii))
-    trees = [
-        (cKDTree(positions[m]), m, radii[m].max())
-        for m in (np.flatnonzero(size == s) for s in np.unique(size))
-    ]
-    for k, i in enumerate(ids):
-        near = np.concatenate(
-            [m[tree.query_ball_point(positions[i], radii[i] + largest)] for tree, m, largest in trees]
-        )
-        near = near[near != i]
-        _open_share(positions[near] - positions[i], radii[near], radii[i], fraction[k])
-    return fraction
-
-
-@kernel
-def _open_share(offsets, radii, radius, share):
-    texels = share.shape[0]
-    for row in range(texels):
-        for column in range(texels):
-            free = 0
-            for s in range(_FINE * _FINE):
-                polar = np.pi * (row + (s // _FINE + 0.5) / _FINE) / texels
-                azimuth = 2 * np.pi * (column + (s % _FINE + 0.5) / _FINE) / texels
-                z, h = radius * np.cos(polar), radius * np.sin(polar)
-                x, y = h * np.cos(azimuth), h * np.sin(azimuth)
-                inside = False
-                for j in range(radii.shape[0]):
-                    dx, dy, dz = offsets[j, 0] - x, offsets[j, 1] - y, offsets[j, 2] - z
-                    if dx * dx + dy * dy + dz * dz < radii[j] * radii[j]:
-                        inside = True
-                        break
-                if not inside:
-                    free += 1
-            share[row, column] = free / (_FINE * _FINE)
-
-
 def displayed(scene: luxel.Scene, luminance: NDArray[Any]) -> NDArray[np.float64]:
     """Levels of 255 that a white particle shows at these luminances, unrounded; same shape."""
     flat = luminance.reshape(1, -1, 1).astype(np.float32)
@@ -129,8 +86,15 @@ def displayed(scene: luxel.Scene, luminance: NDArray[Any]) -> NDArray[np.float64
     return 255.0 * np.asarray(linear_to_srgb(picture[0, :, 0]), dtype=np.float64).reshape(luminance.shape)
 
 
-def errors(scene: luxel.Scene, truth: Truth, luminance: NDArray[Any], noise: float = 0.0) -> dict[str, float]:
-    """Solid-angle weighted errors; `noise` is the truth's own variance, subtracted from the mean square."""
+def errors(
+    scene: luxel.Scene,
+    truth: Truth,
+    luminance: NDArray[Any],
+    share: float = 0.0,
+    raw: dict[str, float] | None = None,
+) -> dict[str, float]:
+    """Solid-angle weighted errors; the truth's own noise, `share` of the mean squares of `raw`, is subtracted from RMSE."""
+    noise = {name: share * raw[name] ** 2 if raw else 0.0 for name in ("RMSE", "RMSE levels")}
     counts = truth.weight > 0
     weight = truth.weight[counts] / truth.weight.sum()
     difference = (luminance - truth.luminance)[counts]
@@ -138,11 +102,11 @@ def errors(scene: luxel.Scene, truth: Truth, luminance: NDArray[Any], noise: flo
     order = np.argsort(np.abs(difference))
     rank = np.searchsorted(np.cumsum(weight[order]), 0.95)
     return {
-        "RMSE": float(np.sqrt(max(0.0, weight @ difference**2 - noise))),
+        "RMSE": float(np.sqrt(max(0.0, weight @ difference**2 - noise["RMSE"]))),
         "p95": float(np.abs(difference)[order[min(rank, len(order) - 1)]]),
         "max": float(np.abs(difference).max()),
         "bias": float(weight @ difference),
-        "RMSE levels": float(np.sqrt(weight @ shown**2)),
+        "RMSE levels": float(np.sqrt(max(0.0, weight @ shown**2 - noise["RMSE levels"]))),
     }
 
 
@@ -178,10 +142,9 @@ def at_equal_error(
                     continue
                 total, seen, _ = embree.sample(truth.ids, SAMPLES)
                 raw_luminance = total / np.maximum(seen, 1)
-                mean_square = errors(scene, truth, raw_luminance)["RMSE"] ** 2
-                # Raw errors fall as one over the samples, so the truth's own share is known.
-                noise = mean_square * SAMPLES / (SAMPLES + samples)
-                raw = errors(scene, truth, raw_luminance, noise)
+                # Raw mean squares fall as one over the samples, so the truth's own share of them is known.
+                noise = SAMPLES / (SAMPLES + samples), errors(scene, truth, raw_luminance)
+                raw = errors(scene, truth, raw_luminance, *noise)
                 table.append({**where, "mode": "Embree paths, raw", "samples": SAMPLES, **raw})
                 paper = luxel.bake(scene, truth.ids, mode="paper", samples=SAMPLES).luminance
                 share = np.maximum(open_fraction(scene.particles, truth.ids, 16), _OPEN)
@@ -190,12 +153,12 @@ def at_equal_error(
                         **where,
                         "mode": "paper",
                         "samples": SAMPLES,
-                        **errors(scene, truth, paper / share, noise),
+                        **errors(scene, truth, paper / share, *noise),
                     }
                 )
                 good = None
                 for n, (baker, _) in prepared.items():
-                    found = errors(scene, truth, bake_with(baker, truth.ids).luminance, noise)
+                    found = errors(scene, truth, bake_with(baker, truth.ids).luminance, *noise)
                     table.append({**where, "mode": "fast", "samples": n, **found})
                     if good is None and found["RMSE"] <= raw["RMSE"]:
                         good = n

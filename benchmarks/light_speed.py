@@ -66,6 +66,8 @@ def bake_of(baker: Baker, ids: NDArray[np.int32]) -> Callable[[], Any]:
 def scaling(counts: list[int], textures: int) -> Rows:
     """Time a texture, of preparation, and working memory against the number of particles, at fixed density."""
     rows: Rows = []
+    for warm in ("paper", "fast"):  # nothing is compiled under the clock
+        luxel.bake(luxel.Scene(slab(1000), LIGHTS["sky+sun"]), range(32), samples=4, mode=warm)
     for count in counts:
         particles = slab(count)
         ids = np.random.default_rng(0).choice(len(particles), min(textures, len(particles)), replace=False)

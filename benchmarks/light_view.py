@@ -6,6 +6,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import luxel
 from benchmarks.light_scenes import DataSet
@@ -19,19 +20,20 @@ _DEFAULT_SAMPLES = 4  # of render
 _VIEWS = 5
 
 
-def one_view(data: DataSet, side: int, truth_samples: int, everything: bool) -> Rows:
+def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, patience_s: float) -> Rows:
     """Primary rays, first estimate, light at default quality, new views, and the picture's error.
 
     Parameters
     ----------
+    side, picture_side
+        Pixels along a side: what defines the visible set, and the pictures that are drawn and compared.
     truth_samples
         Paths a pixel of each of the two converged pictures.
-    everything
-        Bake all particles; otherwise a random subset tells what that would take.
+    patience_s
+        A bake that takes longer is broken off and extrapolated, and the remark says so.
     """
     scene = data.scene("sky+sun")
-    camera = plate_camera(data.particles)
-    size = (side, side)
+    camera, size = plate_camera(data.particles), (side, side)
     rows: Rows = []
 
     def row(what: str, value: float, unit: str, remark: str = "") -> None:
@@ -46,47 +48,38 @@ def one_view(data: DataSet, side: int, truth_samples: int, everything: bool) -> 
         "ms",
         f"{len(ids):,} visible",
     )
-
-    default = TextureSpec(mode="fast", samples=_DEFAULT_SAMPLES)
-    start = perf_counter()
-    baker = Baker(scene, default)
-    first_light = getattr(baker, "first_light", None)
-    if first_light is not None:
-        baker.prepare()
-        first_light(ids)
-        remark = "coarse records"
-    else:
-        bake_with(Baker(scene, TextureSpec(mode="fast", samples=1)), ids)
-        remark = "fast, 1 sample a texel, preparation included"
-    row("first estimate of all that is visible", perf_counter() - start, "s", remark)
+    luxel.bake(scene, ids[:32], samples=1, mode="fast")  # nothing is compiled under the clock
 
     start = perf_counter()
-    baker = Baker(scene, default)
+    baker = Baker(scene, TextureSpec(mode="fast", samples=1))
     baker.prepare()
-    prepared = perf_counter()
-    bake_with(baker, ids)
-    done = perf_counter()
-    row(
-        "visible set lit at default quality",
-        done - start,
-        "s",
-        f"{prepared - start:.2f} s of it preparation; {1e6 * (done - prepared) / len(ids):.0f} us a texture",
-    )
-    seen = visible_ids(scene, camera, size, antialias=3)
-    textures = bake_with(baker, seen)
-
-    chosen = np.arange(len(data.particles), dtype=np.int32) if everything else data.group("all", 4096)
-    preparation = prepared - start
+    prepare_s = perf_counter() - start
     start = perf_counter()
-    clipped = bake_with(baker, chosen).clipped_count
-    took = preparation + (perf_counter() - start) * len(data.particles) / len(chosen)
+    if first_light := getattr(baker, "first_light", None):
+        first_light(ids)
+        estimate_s, how = perf_counter() - start, "coarse records"
+    else:
+        estimate_s, how = _bake_s(baker, ids, patience_s)
+        how = f"fast, 1 sample a texel, {how}"
     row(
-        f"all {len(data.particles):,} lit at default quality",
-        took,
+        "first estimate of all that is visible",
+        prepare_s + estimate_s,
         "s",
-        ("measured" if everything else f"extrapolated from {len(chosen):,}") + f"; {clipped} texels clipped",
+        f"{prepare_s:.2f} s preparation; {how}",
     )
 
+    start = perf_counter()
+    baker = Baker(scene, TextureSpec(mode="fast", samples=_DEFAULT_SAMPLES))
+    baker.prepare()
+    prepare_s = perf_counter() - start
+    everyone = np.random.default_rng(0).permutation(len(data.particles)).astype(np.int32)
+    for what, chosen in (("visible set", ids), (f"all {len(everyone):,}", everyone)):
+        took, how = _bake_s(baker, chosen, patience_s)
+        remark = f"{prepare_s:.2f} s preparation; {1e6 * took / len(chosen):.0f} us a texture, {how}"
+        row(f"{what} lit at default quality", prepare_s + took, "s", remark)
+
+    size = (picture_side, picture_side)
+    textures = bake_with(baker, visible_ids(scene, camera, size, antialias=3))
     for antialias, what in ((3, "nine rays a pixel"), (1, "one ray a pixel")):
         times = []
         for k in range(_VIEWS + 1):
@@ -95,7 +88,7 @@ def one_view(data: DataSet, side: int, truth_samples: int, everything: bool) -> 
             render(scene, view, textures=textures, size=size, antialias=antialias, colorbar=False)
             times.append(1e3 * (perf_counter() - start))
         row(
-            f"new view at {side}², {what}",
+            f"new view at {picture_side}², {what}",
             float(np.median(times[1:])),
             "ms",
             f"median of {_VIEWS}, whole call",
@@ -112,13 +105,28 @@ def one_view(data: DataSet, side: int, truth_samples: int, everything: bool) -> 
     picture = render(scene, view, textures=textures, **common).array[..., :3].astype(np.float64)[covered]
     mean_square = ((picture - truth) ** 2).mean()
     row(
-        "picture error, RMS over covered pixels",
+        f"picture error at {picture_side}², RMS over covered pixels",
         float(np.sqrt(max(0.0, mean_square - noise))),
         "levels",
         f"mean {(picture - truth).mean():+.2f}; truth {truth_samples} paths a pixel twice, {took:.0f} s each, "
         f"its noise of {np.sqrt(noise):.2f} subtracted; {covered.mean():.0%} covered",
     )
     return rows
+
+
+def _bake_s(baker: Baker, ids: NDArray[np.int32], patience_s: float) -> tuple[float, str]:
+    """Seconds to bake `ids` in random order, extrapolated when they are more than `patience_s`; and which it is."""
+    ids = np.random.default_rng(1).permutation(ids)
+    done, start = 0, perf_counter()
+    while done < len(ids):
+        # Large parts: whatever a bake costs by itself must not be paid often.
+        part = ids[done : done + max(256, len(ids) // 64)]
+        bake_with(baker, part)
+        done += len(part)
+        if perf_counter() - start > patience_s:
+            break
+    took = (perf_counter() - start) * len(ids) / done
+    return took, "measured" if done == len(ids) else f"extrapolated from {done:,}"
 
 
 def _stepped(camera: luxel.Camera, turn: float) -> luxel.Camera:
