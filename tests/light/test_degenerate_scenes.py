@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import luxel
-from luxel.textures.bake import Baker
+from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
 from tests.scenes import cloud
 
@@ -25,7 +25,7 @@ def bake_sanely(particles, lights=DEFAULT, mode="fast", model="interreflection",
     assert luminance.shape == (len(ids), 16, 16)
     assert np.isfinite(luminance).all()
     assert luminance.min() >= 0
-    stored = luxel.bake(scene, ids, mode=mode, samples=1)
+    stored = bake_with(baker, ids)
     assert stored.luminance.max() <= stored.scale * (1 + 1e-6)
     assert stored.clipped_count == (luminance > stored.scale).sum()
     return luminance
