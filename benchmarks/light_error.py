@@ -195,7 +195,8 @@ def _price(
     other = [s / len(ids) for s in seconds["embree"]]
     middle, low, high = ratio(other, own)
     everyone = len(data.visible) if group == "visible" else len(data.particles)
-    full = preparation / everyone
+    # What preparation adds to a particle when the whole group is baked.
+    spread = float(np.median(own)) / (float(np.median(own)) + preparation / everyone)
     return {
         **{k: v for k, v in where.items() if k != "particles"},
         "particles": f"{len(ids):,} of {group}",
@@ -205,5 +206,5 @@ def _price(
         "embree/ours": middle,
         "range": f"{low:.1f}-{high:.1f}",
         "prepare s": preparation,
-        "with prepare spread over the group": float(np.median(other)) / (float(np.median(own)) + full),
+        "with prepare spread over the group": middle * spread,
     }
