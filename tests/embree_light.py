@@ -13,9 +13,10 @@ import numpy as np
 import luxel
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import escape_radiance
+from luxel.kernels.mapping import LATLONG, texel_direction
 from luxel.kernels.path import AO
 from luxel.kernels.rng import PURPOSE_TEXEL, next_state, path_key, uniform
-from luxel.kernels.warp import cone_direction, cosine_direction, latlong_direction
+from luxel.kernels.warp import cone_direction, cosine_direction
 from luxel.light.world import make_world
 from luxel.trace.tree import thread_count
 from tests.embree_twin import _FLOATS, EmbreeScene, _address, _aligned, _intersect1, _occluded1
@@ -117,7 +118,7 @@ def _sample_texels(scene, world, ids, grid, total, exposed):
                     ju, jv = uniform(state)
                     u = (np.float32(column * grid + s % grid) + ju) * step
                     v = (np.float32(row * grid + s // grid) + jv) * step
-                    nx, ny, nz = latlong_direction(u, v)
+                    nx, ny, nz = texel_direction(LATLONG, u, v)
                     px, py, pz = cx + r * nx, cy + r * ny, cz + r * nz
                     if world.model == AO:
                         state = next_state(state)
