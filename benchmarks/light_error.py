@@ -66,7 +66,7 @@ def truth_of(scene: luxel.Scene, ids: NDArray[np.int32], samples: int) -> Truth:
         baker = Baker(scene, spec)
         with ThreadPoolExecutor(thread_count(None)) as pool:
             mean = np.concatenate(
-                list(pool.map(lambda k: baker.luminance(ids[k : k + 4]), range(0, len(ids), 4)))
+                list(pool.map(lambda k: baker.luminance(ids[k : k + 4])[0], range(0, len(ids), 4)))
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         np.save(path, mean)

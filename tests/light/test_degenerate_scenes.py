@@ -21,7 +21,7 @@ def bake_sanely(particles, lights=DEFAULT, mode="fast", model="interreflection",
     scene = luxel.Scene(particles, lights, model=model)
     baker = Baker(scene, TextureSpec(mode=mode, samples=1))
     ids = np.arange(min(6, len(particles)), dtype=np.int32) if ids is None else np.asarray(ids, np.int32)
-    luminance = baker.luminance(ids)
+    luminance = baker.luminance(ids)[0]
     assert luminance.shape == (len(ids), 16, 16)
     assert np.isfinite(luminance).all()
     assert luminance.min() >= 0

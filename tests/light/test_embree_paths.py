@@ -21,7 +21,7 @@ def test_paper_mode_equals_embree(model, particles):
     ids = np.arange(0, len(particles), 4, dtype=np.int32)
     samples = 100
     total, _, _ = EmbreeBaker(scene, seed=3).sample(ids, samples)
-    ours = Baker(scene, TextureSpec(samples=samples, seed=4)).luminance(ids)
+    ours = Baker(scene, TextureSpec(samples=samples, seed=4)).luminance(ids)[0]
     again, _, _ = EmbreeBaker(scene, seed=5).sample(ids, samples)
     theirs, other = total / samples, again / samples
     # Three independent estimates: ours may differ from Embree's by no more than Embree's from each other's.

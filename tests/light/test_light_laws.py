@@ -17,7 +17,7 @@ ABOVE_A_PLANE = luxel.Particles([[0, 0, 0.5], [0, 0, -5000.0]], [0.025, 5000.0])
 
 def rows_above_a_plane(scene, mode):
     """Row means of the speck's texture, and the mean over each row of its normals' cosine with the vertical."""
-    luminance = Baker(scene, TextureSpec(mode=mode, samples=256)).luminance(np.zeros(1, np.int32))[0]
+    luminance = Baker(scene, TextureSpec(mode=mode, samples=256)).luminance(np.zeros(1, np.int32))[0][0]
     polar = np.linspace(0, np.pi, 17)
     return luminance.mean(axis=1), np.diff(np.sin(polar)) / np.diff(polar)
 
@@ -53,10 +53,10 @@ def test_penumbra_is_as_wide_as_the_sun(mode, tolerance):
     particles = luxel.Particles(positions, np.r_[np.full(len(x), 1e-3), 1.0])
     scene = luxel.Scene(particles, (luxel.Sun((0, 0, 1), 1.0, np.degrees(2 * beta)),), model="shadows")
     ids = np.arange(len(x), dtype=np.int32)
-    got = Baker(scene, TextureSpec(mode=mode, samples=64)).luminance(ids)[:, 0].mean(axis=1)
+    got = Baker(scene, TextureSpec(mode=mode, samples=64)).luminance(ids)[0][:, 0].mean(axis=1)
     open_light = Baker(
         luxel.Scene(luxel.Particles([[0, 0, 0]], 1.0), scene.lights, model="shadows"), TextureSpec(samples=64)
-    ).luminance(np.zeros(1, np.int32))[0, 0]
+    ).luminance(np.zeros(1, np.int32))[0][0, 0]
     share = got / open_light.mean()
     gamma = np.arctan2(x, height)
     sigma = np.arcsin(1 / np.hypot(x, height))
@@ -83,7 +83,7 @@ def test_luminance_is_a_power_series_in_the_albedo():
 
     def mean(albedo, bounces, seed):
         scene = luxel.Scene(particles, (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 1.0)), albedo=albedo)
-        return Baker(scene, TextureSpec(samples=49, max_bounces=bounces, seed=seed)).luminance(ids).mean()
+        return Baker(scene, TextureSpec(samples=49, max_bounces=bounces, seed=seed)).luminance(ids)[0].mean()
 
     terms = {}
     for albedo in (0.5, 0.95):
@@ -106,7 +106,7 @@ def test_without_albedo_interreflection_is_direct_light():
     black, shadows = (
         Baker(luxel.Scene(particles, lights, model=m, albedo=0.0), TextureSpec(samples=64, seed=s)).luminance(
             ids
-        )
+        )[0]
         for s, m in enumerate(("interreflection", "shadows"))
     )
     assert abs((black - shadows).mean()) < 0.003
@@ -135,8 +135,8 @@ def test_a_narrow_slit_stays_lit():
         )
         # The sixteen texels that look straight across the gap, towards +x.
         across = np.s_[:, 6:10, [14, 15, 0, 1]]
-        truth = Baker(scene, TextureSpec(samples=225, seed=3)).luminance(deep)[across]
-        fast = Baker(scene, TextureSpec(samples=4, mode="fast")).luminance(deep)[across]
+        truth = Baker(scene, TextureSpec(samples=225, seed=3)).luminance(deep)[0][across]
+        fast = Baker(scene, TextureSpec(samples=4, mode="fast")).luminance(deep)[0][across]
         assert 0.001 < truth.mean() < 0.05, "a slit that is barely open"
         assert fast.mean() == pytest.approx(truth.mean(), rel=0.35)
         assert (fast.mean(axis=(1, 2)) > 0).all(), "nobody in the slit is black"
@@ -150,8 +150,8 @@ def test_a_quarter_turn_permutes_the_columns_of_fast_textures():
     )
     spec = TextureSpec(samples=9, mode="fast")
     ids = np.arange(24, dtype=np.int32)
-    plain = Baker(luxel.Scene(base, lights), spec).luminance(ids)
-    other = Baker(luxel.Scene(turned, (luxel.Sky(1.0), luxel.Sun((-1, 2, 2), 1.0))), spec).luminance(ids)
+    plain = Baker(luxel.Scene(base, lights), spec).luminance(ids)[0]
+    other = Baker(luxel.Scene(turned, (luxel.Sky(1.0), luxel.Sun((-1, 2, 2), 1.0))), spec).luminance(ids)[0]
     right, wrong = np.roll(other, -4, axis=2) - plain, np.roll(other, 4, axis=2) - plain
     assert abs(right.mean()) < 0.01
     assert np.sqrt((right**2).mean()) < 0.2
@@ -202,8 +202,8 @@ def test_errors_of_identical_neighbours_are_independent(mode, kind):
     else:
         particles, ids = clusters(edge)
         scene = luxel.Scene(particles, (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 2.0)))
-    truth = Baker(scene, TextureSpec(mode="paper", samples=1024, seed=5)).luminance(ids[:4]).mean(axis=0)
-    luminance = Baker(scene, TextureSpec(mode=mode, samples=4)).luminance(ids)
+    truth = Baker(scene, TextureSpec(mode="paper", samples=1024, seed=5)).luminance(ids[:4])[0].mean(axis=0)
+    luminance = Baker(scene, TextureSpec(mode=mode, samples=4)).luminance(ids)[0]
     error = (luminance - luminance.mean(axis=0)).reshape(edge, edge, -1)
     for a, b in ((error[1:], error[:-1]), (error[:, 1:], error[:, :-1])):
         assert abs((a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum())) < 0.1
