@@ -117,16 +117,20 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
 def _bake_s(baker: Baker, ids: NDArray[np.int32], patience_s: float) -> tuple[float, str]:
     """Seconds to bake `ids` in random order, extrapolated when they are more than `patience_s`; and which it is."""
     ids = np.random.default_rng(1).permutation(ids)
-    done, start = 0, perf_counter()
+    done, took = 0, 0.0
     while done < len(ids):
         # Large parts: whatever a bake costs by itself must not be paid often.
         part = ids[done : done + max(256, len(ids) // 64)]
+        start = perf_counter()
         bake_with(baker, part)
+        last = (perf_counter() - start) / len(part)
+        took += last * len(part)
         done += len(part)
-        if perf_counter() - start > patience_s:
+        if took > patience_s:
             break
-    took = (perf_counter() - start) * len(ids) / done
-    return took, "measured" if done == len(ids) else f"extrapolated from {done:,}"
+    # A baker that keeps what it computes gets faster as it goes, so the last part is nearest to the rest.
+    rest = len(ids) - done
+    return took + last * rest, f"extrapolated from {done:,}" if rest else "measured"
 
 
 def _stepped(camera: luxel.Camera, turn: float) -> luxel.Camera:
