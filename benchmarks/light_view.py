@@ -1,0 +1,141 @@
+"""Table of one view of the plate: time to see it lit, and how far the picture is from the converged one."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import luxel
+from benchmarks.light_scenes import DataSet
+from benchmarks.light_speed import Rows
+from benchmarks.scenes import plate_camera
+from luxel.picture.raytrace import render, visible_ids
+from luxel.textures.bake import Baker, bake_with
+from luxel.textures.spec import TextureSpec
+
+_DEFAULT_SAMPLES = 4  # of render
+_VIEWS = 5
+
+
+def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, patience_s: float) -> Rows:
+    """Primary rays, first estimate, light at default quality, new views, and the picture's error.
+
+    Parameters
+    ----------
+    side, picture_side
+        Pixels along a side: what defines the visible set, and the pictures that are drawn and compared.
+    truth_samples
+        Paths a pixel of each of the two converged pictures.
+    patience_s
+        A bake that takes longer is broken off and extrapolated, and the remark says so.
+    """
+    scene = data.scene("sky+sun")
+    camera, size = plate_camera(data.particles), (side, side)
+    rows: Rows = []
+
+    def row(what: str, value: float, unit: str, remark: str = "") -> None:
+        rows.append({"what": what, "value": value, "unit": unit, "remark": remark})
+
+    ids = visible_ids(scene, camera, size)
+    start = perf_counter()
+    ids = visible_ids(scene, camera, size)
+    row(
+        f"visible particles at {side}², one ray a pixel",
+        1e3 * (perf_counter() - start),
+        "ms",
+        f"{len(ids):,} visible",
+    )
+    luxel.bake(scene, ids[:32], samples=1, mode="fast")  # nothing is compiled under the clock
+
+    start = perf_counter()
+    baker = Baker(scene, TextureSpec(mode="fast", samples=1))
+    baker.prepare()
+    prepare_s = perf_counter() - start
+    start = perf_counter()
+    if first_light := getattr(baker, "first_light", None):
+        first_light(ids)
+        estimate_s, how = perf_counter() - start, "coarse records"
+    else:
+        estimate_s, how = _bake_s(baker, ids, patience_s)
+        how = f"fast, 1 sample a texel, {how}"
+    row(
+        "first estimate of all that is visible",
+        prepare_s + estimate_s,
+        "s",
+        f"{prepare_s:.2f} s preparation; {how}",
+    )
+
+    start = perf_counter()
+    baker = Baker(scene, TextureSpec(mode="fast", samples=_DEFAULT_SAMPLES))
+    baker.prepare()
+    prepare_s = perf_counter() - start
+    everyone = np.random.default_rng(0).permutation(len(data.particles)).astype(np.int32)
+    for what, chosen in (("visible set", ids), (f"all {len(everyone):,}", everyone)):
+        took, how = _bake_s(baker, chosen, patience_s)
+        remark = f"{prepare_s:.2f} s preparation; {1e6 * took / len(chosen):.0f} us a texture, {how}"
+        row(f"{what} lit at default quality", prepare_s + took, "s", remark)
+
+    size = (picture_side, picture_side)
+    textures = bake_with(baker, visible_ids(scene, camera, size, antialias=3))
+    for antialias, what in ((3, "nine rays a pixel"), (1, "one ray a pixel")):
+        times = []
+        for k in range(_VIEWS + 1):
+            view = luxel.View(camera=_stepped(camera, 0.01 * k))
+            start = perf_counter()
+            render(scene, view, textures=textures, size=size, antialias=antialias, colorbar=False)
+            times.append(1e3 * (perf_counter() - start))
+        row(
+            f"new view at {picture_side}², {what}",
+            float(np.median(times[1:])),
+            "ms",
+            f"median of {_VIEWS}, whole call",
+        )
+
+    view = luxel.View(camera=camera)
+    common: dict[str, Any] = {"size": size, "antialias": 3, "colorbar": False}
+    start = perf_counter()
+    truths = [render(scene, view, light="pixel", samples=truth_samples, seed=s, **common) for s in (1, 2)]
+    took = 0.5 * (perf_counter() - start)
+    covered = truths[0].ids >= 0
+    a, b = (t.array[..., :3].astype(np.float64)[covered] for t in truths)
+    truth, noise = 0.5 * (a + b), ((a - b) ** 2).mean() / 4
+    picture = render(scene, view, textures=textures, **common).array[..., :3].astype(np.float64)[covered]
+    mean_square = ((picture - truth) ** 2).mean()
+    row(
+        f"picture error at {picture_side}², RMS over covered pixels",
+        float(np.sqrt(max(0.0, mean_square - noise))),
+        "levels",
+        f"mean {(picture - truth).mean():+.2f}; truth {truth_samples} paths a pixel twice, {took:.0f} s each, "
+        f"its noise of {np.sqrt(noise):.2f} subtracted; {covered.mean():.0%} covered",
+    )
+    return rows
+
+
+def _bake_s(baker: Baker, ids: NDArray[np.int32], patience_s: float) -> tuple[float, str]:
+    """Seconds to bake `ids` in random order, extrapolated when they are more than `patience_s`; and which it is."""
+    ids = np.random.default_rng(1).permutation(ids)
+    done, took = 0, 0.0
+    while done < len(ids):
+        # Large parts: whatever a bake costs by itself must not be paid often.
+        part = ids[done : done + max(256, len(ids) // 64)]
+        start = perf_counter()
+        bake_with(baker, part)
+        last = (perf_counter() - start) / len(part)
+        took += last * len(part)
+        done += len(part)
+        if took > patience_s:
+            break
+    # A baker that keeps what it computes gets faster as it goes, so the last part is nearest to the rest.
+    rest = len(ids) - done
+    return took + last * rest, f"extrapolated from {done:,}" if rest else "measured"
+
+
+def _stepped(camera: luxel.Camera, turn: float) -> luxel.Camera:
+    """The camera, gone a little around its target about the z axis."""
+    c, s = np.cos(turn), np.sin(turn)
+    offset = np.asarray(camera.eye) - np.asarray(camera.target)
+    moved = np.array([c * offset[0] - s * offset[1], s * offset[0] + c * offset[1], offset[2]])
+    return luxel.Camera(np.asarray(camera.target) + moved, camera.target, camera.up, camera.fov)
