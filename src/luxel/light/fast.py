@@ -119,11 +119,17 @@ class FastLight:
 
     @property
     def _by_paths(self) -> bool:
-        """Whether rays are not gathers: without shadows, or with limited bounces, since records know all or none."""
+        """Whether rays are not gathers: without shadows, or where records do not tell what a ray brings home.
+
+        Records know all bounces or none, and particles where the file has them: lamps light each image differently.
+        """
         world = self._world
         if world.model == LAMBERTIAN:
             return True
-        return world.model == INTERREFLECTION and world.albedo > 0 and world.max_bounces < 2**31 - 1
+        if world.model != INTERREFLECTION or world.albedo == 0:
+            return False
+        lamps = len(world.lights.globes) + len(world.lights.quads) > 0
+        return world.max_bounces < 2**31 - 1 or (world.cell is not None and lamps)
 
     def _table(self, samples: int, drawing: int) -> RayTable:
         # Made again by two threads at once, a table comes out the same.
