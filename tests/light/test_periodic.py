@@ -6,6 +6,7 @@ import pytest
 import luxel
 from luxel import Cell, Particles, Scene
 from luxel.errors import InputError
+from luxel.light.fast import FastLight, draw_paths
 from luxel.light.world import make_world
 from luxel.picture.raytrace import visible_ids
 from luxel.textures.bake import Baker
@@ -40,7 +41,7 @@ def replicated(particles, axes, times):
 
 
 def luminance(scene, ids, samples=16, seed=0):
-    return Baker(scene, TextureSpec(samples=samples, seed=seed)).luminance(np.array(ids, np.int32))
+    return Baker(scene, TextureSpec(samples=samples, seed=seed)).luminance(np.array(ids, np.int32))[0]
 
 
 def nearly_all_equal(a, b):
@@ -70,6 +71,35 @@ def test_light_on_a_layer_equals_that_among_explicit_images(model):
     assert abs((periodic - wide).mean()) < 0.003
     assert np.mean(np.abs(periodic - wide) > 1e-3) < (0.01 if model == "shadows" else 0.2)
     assert np.sqrt(((periodic - wide) ** 2).mean()) < 0.1 * wide.std()
+
+
+def fast_and_paths(scene, samples):
+    """Means (K,) over the exposed texels of every particle: fast mode before its filter, and paths."""
+    ids = np.arange(len(scene.particles), dtype=np.int32)
+    world = make_world(scene)
+    paths = draw_paths(world, "latlong", 16, samples, ids)
+    fast = FastLight(world, 3.0, "latlong", 16, 16, 0)._draw(ids, 16, 0)
+    clear = (paths.exposed == samples) & (fast.exposed == 16)
+    seen = np.flatnonzero(clear.sum(axis=(1, 2)) > 60)
+    assert len(seen) > 25
+    return np.array([(fast.mean[k][clear[k]].mean(), paths.mean[k][clear[k]].mean()) for k in seen]).T
+
+
+@pytest.mark.parametrize("model", ["ao", "shadows", "interreflection"])
+def test_fast_light_is_that_of_the_paths(model):
+    # Gathers end on images too, and the record of a particle serves all of them.
+    scene = Scene(slab(), (luxel.Sky(1.0), luxel.Sun((1, 0.5, 2), 1.0)), model, periodic="xy")
+    fast, paths = fast_and_paths(scene, 64)
+    assert abs((fast - paths).mean()) < 0.015  # as among explicit images: what nine numbers leave out
+    assert np.sqrt(((fast - paths) ** 2).mean()) < 0.03
+
+
+def test_fast_light_of_a_lamp_among_the_images():
+    # It lights particles beside it that are dark where the file has them: no record tells.
+    lamp = luxel.SphereLight((1.5, 0.5, 0.25), 0.1, 100.0)
+    fast, paths = fast_and_paths(Scene(slab(), (lamp,), albedo=0.9, periodic="xy"), 256)
+    assert abs((fast - paths).mean()) < 0.08 * paths.mean()
+    assert np.sqrt(((fast - paths) ** 2).mean()) < 0.3 * paths.mean()
 
 
 @pytest.mark.parametrize("axes", ["z", "xy", "xyz"])
@@ -105,9 +135,9 @@ def test_the_reach_of_ghosts_does_not_change_light(reach, model):
     lamp = luxel.SphereLight((0.5, 0.5, 2.0), 0.3, 10.0)
     scene = Scene(particles, (luxel.Sky(1.0), lamp), model, ao_distance=0.4, periodic="xy")
     baker = Baker(scene, TextureSpec(samples=16))
-    expected = baker.luminance(np.arange(34, dtype=np.int32))
-    baker._world = make_world(scene, ghost_reach=reach)
-    got = baker.luminance(np.arange(34, dtype=np.int32))
+    expected = baker.luminance(np.arange(34, dtype=np.int32))[0]
+    baker.world = make_world(scene, ghost_reach=reach)
+    got = baker.luminance(np.arange(34, dtype=np.int32))[0]
     # Paths of many bounces amplify rounding, which differs here, so that a few end elsewhere.
     assert np.mean(np.abs(got - expected) > 1e-3) < (0.002 if model == "ao" else 0.01)
     assert abs((got - expected).mean()) < 1e-3
@@ -174,9 +204,9 @@ def test_closed_pockets_are_black(model):
     # Spheres this large close the windows between them; around the cell's corners pockets stay open inside.
     particles = Particles([[0.5, 0.5, 0.5]], 0.75, cell=Cell(CUBE, np.zeros(3)))
     scene = Scene(particles, (luxel.Sky(1.0), luxel.Sun((1, 1, 1), 5.0)), model, periodic="xyz")
-    mean, _, exposed = Baker(scene, TextureSpec(samples=49))._sample(np.zeros(1, np.int32), 49)
-    assert exposed.sum() > 100
-    assert not mean.any()
+    found = draw_paths(make_world(scene), "latlong", 16, 49, np.zeros(1, np.int32))
+    assert found.exposed.sum() > 100
+    assert not found.mean.any()
 
 
 def test_a_lamp_in_a_closed_crystal_still_shines():
