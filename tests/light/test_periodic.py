@@ -102,6 +102,19 @@ def test_fast_light_of_a_lamp_among_the_images():
     assert np.sqrt(((fast - paths) ** 2).mean()) < 0.3 * paths.mean()
 
 
+@pytest.mark.parametrize("model", ["lambertian", "interreflection"])
+def test_images_bury_points_as_particles_do(model):
+    ids = np.arange(40, dtype=np.int32)
+    scene = Scene(packing(), SKY, model, albedo=0.0)
+    explicit = scene.with_changes(particles=replicated(scene.particles, "xyz", 1))
+    there, here, alone = (
+        draw_paths(make_world(s), "latlong", 16, 4, ids).exposed
+        for s in (explicit, scene.with_changes(periodic="xyz"), scene)
+    )
+    assert np.mean(here != there) < 0.002
+    assert np.mean(alone != there) > 0.02
+
+
 @pytest.mark.parametrize("axes", ["z", "xy", "xyz"])
 def test_one_particle_sees_its_own_images(axes):
     particles = Particles([[0.2, 0.9, 0.4]], 0.45, cell=Cell(CUBE, np.zeros(3)))
