@@ -331,7 +331,10 @@ def _say_if_cold() -> None:
     from luxel.kernels.jit import cold
 
     if cold():
+        from luxel.app.warm import compile_ahead
+
         _say("compiling kernels for this machine (once) ...")
+        compile_ahead()
 
 
 def _say_if_dark(options: argparse.Namespace) -> None:

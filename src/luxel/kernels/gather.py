@@ -1,7 +1,4 @@
-"""Samples of luminance for ``fast`` mode: rays that particles share, spread evenly, and paths that roulette lets bounce once more.
-
-One sample of path tracing's first ray, its shadow rays and its tail are as in ``texels``; only how they are drawn differs.
-"""
+"""Samples of luminance for ``fast`` mode: path tracing as in ``texels``, from rays that particles share, spread evenly."""
 
 from __future__ import annotations
 
@@ -25,11 +22,8 @@ from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import LANES
 from luxel.kernels.tree_trace import MISS, scratch
 
-__all__ = ["coarse_records", "gather_texels"]
+__all__ = ["gather_texels"]
 
-# Bounces that roulette spares: the first is where most of the noise of short paths comes from.
-_SURE = 1
-_DOUBT = np.float32(0.3)  # in rays, about the slopes of a coarse record
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
@@ -60,7 +54,7 @@ def _trace_patch(world, work, near, known, site, table, chosen_set, patch, value
                 pz + t * rays[o + 5 * LANES],
             )  # fmt: skip
             state = path_key(world.seed, site.sphere, at + s, 2, PURPOSE_TEXEL)
-            value = path_tail(world, work, hit, px, py, pz, offset, state, _SURE)
+            value = path_tail(world, work, hit, px, py, pz, offset, state)
         values[s] = value
     add_direct(world, work, near, found, site, table, chosen_set, block, count, values)
     return count
@@ -97,50 +91,3 @@ def gather_texels(world, table, ids, mean, variance, exposed):
                 total[texel] /= n
             spread = total2[texel] - n * total[texel] * total[texel]
             total2[texel] = max(_ZERO, spread) / (n - _ONE) if n > 1 else _ZERO
-
-
-@kernel
-def coarse_records(world, table, ids, records):
-    """Coarse light (K, 4) of particles `ids`: T(n) is about c0 + c1 nx + c2 ny + c3 nz, fitted to what is exposed."""
-    work = scratch(world.tree.stack_size)
-    near = near_scratch(table.width * LANES)
-    values = np.zeros(table.texel.shape[0], np.float32)
-    for k in range(ids.shape[0]):
-        i = ids[k]
-        x, y, z, r = world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i]
-        known, reach = neighbours(world, work, near, i)
-        site = Site(i, x, y, z, r, reach)
-        chosen_set = set_of(world, i, table.rays.shape[0])
-        for patch in range(table.patches.shape[0]):
-            at = patch * table.width * LANES
-            _trace_patch(world, work, near, known, site, table, chosen_set, patch, values[at:])
-        _fit(table.rays[chosen_set], values, records[k])
-
-
-@kernel
-def _fit(rays, values, record):
-    """Fit c0 + c · n to the values at the starts of `rays` that are not negative, by damped least squares."""
-    m = np.zeros((4, 5), np.float32)
-    phi = np.ones(5, np.float32)
-    for s in range(values.shape[0]):
-        if values[s] >= 0:
-            o = ray_word(s)
-            phi[1], phi[2], phi[3], phi[4] = rays[o], rays[o + LANES], rays[o + 2 * LANES], values[s]
-            for a in range(4):
-                for b in range(5):
-                    m[a, b] += phi[a] * phi[b]
-    if m[0, 0] == 0:
-        record[:] = _ZERO
-        return
-    for a in range(1, 4):
-        m[a, a] += _DOUBT
-    for pivot in range(4):  # positive definite: no pivoting
-        for row in range(pivot + 1, 4):
-            factor = m[row, pivot] / m[pivot, pivot]
-            for column in range(pivot, 5):
-                m[row, column] -= factor * m[pivot, column]
-    for row in range(3, -1, -1):
-        value = m[row, 4]
-        for column in range(row + 1, 4):
-            value -= m[row, column] * record[column]
-        record[row] = value / m[row, row]

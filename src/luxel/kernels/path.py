@@ -107,15 +107,14 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
         return total
     if hit < 0:
         return total + escape_radiance(lights, px, py, pz, dx, dy, dz)
-    return total + path_tail(world, work, hit, hx, hy, hz, offset, state, 0)
+    return total + path_tail(world, work, hit, hx, hy, hz, offset, state)
 
 
 @kernel(borrows=True)
-def path_tail(world, work, sphere, px, py, pz, offset, state, sure):
+def path_tail(world, work, sphere, px, py, pz, offset, state):
     """Estimate the luminance that a path which meets `sphere` at p brings home: albedo · T(p).
 
     `offset` (three numbers) leads from the particle to the image of it that the path met, see `periodic.follow`.
-    Roulette spares the first `sure` bounces.
     """
     lights = world.lights
     total, weight = _ZERO, _ONE
@@ -123,13 +122,12 @@ def path_tail(world, work, sphere, px, py, pz, offset, state, sure):
     while bounces < world.max_bounces:
         bounces += 1
         weight *= world.albedo
-        if bounces > sure:
-            survival = min(weight, _ONE if bounces <= _PATIENCE else _SURVIVAL)
-            state = next_state(state)
-            u, v = uniform(state)
-            if u >= survival:
-                break
-            weight /= survival
+        survival = min(weight, _ONE if bounces <= _PATIENCE else _SURVIVAL)
+        state = next_state(state)
+        u, v = uniform(state)
+        if u >= survival:
+            break
+        weight /= survival
         cx, cy, cz = world.centers[sphere, 0], world.centers[sphere, 1], world.centers[sphere, 2]
         hx, hy, hz = px - cx, py - cy, pz - cz
         scale = _ONE / np.sqrt(hx * hx + hy * hy + hz * hz)

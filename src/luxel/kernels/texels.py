@@ -85,7 +85,7 @@ def _paths(world, work, near, found, site, rays, count, values, states):
                 world.cell, near, s, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
                 pz + t * rays[o + 5 * LANES],
             )  # fmt: skip
-            value += path_tail(world, work, hit, hx, hy, hz, offset, state, 0)
+            value += path_tail(world, work, hit, hx, hy, hz, offset, state)
         elif hit != LOST:
             value += sky_along(world, site, rays, o)
         values[s] = value

@@ -24,8 +24,9 @@ __all__ = ["FastLight", "draw_paths"]
 
 _BATCH_COUNT = 32
 # The filter learns from this many lit textures, sampled at least so well.
-_TRAINING_COUNT = 640
-_TRAINING_SAMPLES = 9
+_TRAINING_COUNT = 512
+_TRAINING_SAMPLES = 4
+_TRAINING_SETS = 16
 _TRAINING_CANDIDATES = 16_384
 _TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
 _LIT = 0.02  # of the luminance scale
@@ -96,7 +97,7 @@ class FastLight:
 
     def _dark(self, ids: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Whose record saw no light."""
-        return ~self._book.first_light(ids).any(axis=1)
+        return np.asarray(~self._book.first_light(ids).any(axis=1))
 
     def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int) -> Samples:
         world = self._drawn(drawing)
@@ -116,9 +117,9 @@ class FastLight:
         key = (samples, drawing)
         if key not in self._tables:
             shape = (self._texels, self._texels)
-            self._tables[key] = make_ray_table(
-                self._mapping, shape, samples, self._world.lights.suns, seed=self._seed + drawing
-            )
+            suns, seed = self._world.lights.suns, self._seed + drawing
+            sets = _TRAINING_SETS if drawing else None
+            self._tables[key] = make_ray_table(self._mapping, shape, samples, suns, seed=seed, sets=sets)
         return self._tables[key]
 
     def _learned(self, threads: int) -> TextureFilter:
@@ -129,8 +130,8 @@ class FastLight:
 
     def _learn(self, threads: int) -> TextureFilter:
         """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
-        order = np.random.default_rng(self._seed).permutation(len(self._world.radii))
-        order = order[:_TRAINING_CANDIDATES].astype(np.int32)
+        shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii))
+        order = shuffled[:_TRAINING_CANDIDATES].astype(np.int32)
         lit: list[NDArray[np.int32]] = []
         found = 0
         for start in range(0, len(order), _TRAINING_ROUND):
@@ -142,11 +143,14 @@ class FastLight:
                 break
         chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
         well = max(_TRAINING_SAMPLES, min(self._samples, 4 * _TRAINING_SAMPLES))
-        drawings = []
-        for samples, drawing in ((well, _FIRST), (well, _SECOND), (self._samples, _DRAWN)):
+
+        def drawn(samples: int, drawing: int) -> Samples:
             parts = in_batches(partial(self._draw, samples=samples, drawing=drawing), chosen, threads)
-            drawings.append(Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))))
-        return TextureFilter.learn(*drawings, self._mapping)
+            return Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+        return TextureFilter.learn(
+            drawn(well, _FIRST), drawn(well, _SECOND), drawn(self._samples, _DRAWN), self._mapping
+        )
 
     def _level(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
         """Mean luminance by the records alone."""

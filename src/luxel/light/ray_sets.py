@@ -19,12 +19,12 @@ from luxel.kernels.rays import RayTable
 from luxel.kernels.simd import LANES
 from luxel.light.mapping import Mapping, mapping_code, square_directions
 
-__all__ = ["make_ray_table", "texel_frames"]
+__all__ = ["make_ray_table", "texel_frames", "texel_middles"]
 
 Float = NDArray[np.float64]
 
 _TABLE_BYTES = 4 << 20  # all sets together stay in the last-level cache
-_FEWEST_SETS, _MOST_SETS = 16, 128
+_FEWEST_SETS, _MOST_SETS = 16, 64
 _PATCH_RAYS = 32
 
 
@@ -40,6 +40,17 @@ def texel_frames(mapping: Mapping, texels: int) -> NDArray[np.float32]:
             frames[row * texels + column] = _frame(block.reshape(-1, 3))
     frames.setflags(write=False)
     return frames
+
+
+def texel_middles(rows: int, columns: int) -> Float:
+    """Return the mean (rows * columns, 3) of the directions of each cell of a latitude-longitude map."""
+    phi, theta = np.linspace(0, 2 * np.pi, columns + 1), np.linspace(0, np.pi, rows + 1)
+    # Means over (azimuth, polar angle), as samples are drawn.
+    x = (np.diff(np.sin(phi)) / np.diff(phi))[None, :]
+    y = (-np.diff(np.cos(phi)) / np.diff(phi))[None, :]
+    ring, height = -np.diff(np.cos(theta)) / np.diff(theta), np.diff(np.sin(theta)) / np.diff(theta)
+    ones = np.ones((1, columns))
+    return np.stack([ring[:, None] * x, ring[:, None] * y, height[:, None] * ones], axis=-1).reshape(-1, 3)
 
 
 def make_ray_table(
@@ -94,7 +105,7 @@ def _points(mapping: Mapping, u: Float, v: Float) -> Float:
     found = np.empty((len(u), 3), np.float32)
     maps.point_directions(mapping_code(mapping), u.astype(np.float32), v.astype(np.float32), found)
     points = found.astype(np.float64)
-    return points / np.linalg.norm(points, axis=-1, keepdims=True)
+    return np.asarray(points / np.linalg.norm(points, axis=-1, keepdims=True))
 
 
 def _frame(points: Float) -> tuple[float, ...]:
@@ -159,11 +170,12 @@ def _disc(sun: Float, s: Float, t: Float) -> Float:
     height = 1 - s * (1 - cosine)
     ring = np.sqrt(np.maximum(0.0, 1 - height * height))
     turn = 2 * np.pi * t
-    return (
+    found = (
         height[:, None] * axis
         + (ring * np.cos(turn))[:, None] * side
         + (ring * np.sin(turn))[:, None] * other
     )
+    return np.asarray(found)
 
 
 def _pack(start: Float, direction: Float) -> NDArray[np.float32]:
