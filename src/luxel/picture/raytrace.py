@@ -188,11 +188,11 @@ def draw_textures(
 ) -> None:
     """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.shade``.
 
-    Textures are filtered over the distance between the rays, unless `filtered` is False.
+    With one ray a pixel, textures are filtered over the pixel unless `filtered` is False; several rays filter by themselves.
     """
     height, width = total.shape[:2]
     distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
-    spacing = np.float32(1 / math.sqrt(len(shifts)) if filtered else 0)
+    spacing = np.float32(1 if filtered and len(shifts) == 1 else 0)
     mapping = mapping_code(table.mapping)
 
     def band(row: int) -> None:
