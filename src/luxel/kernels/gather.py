@@ -6,7 +6,7 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.near import RAY, near_scratch, patch_neighbours
-from luxel.kernels.path import INTERREFLECTION, path_tail
+from luxel.kernels.path import INTERREFLECTION
 from luxel.kernels.rays import (
     Site,
     add_direct,
@@ -21,6 +21,7 @@ from luxel.kernels.rays import (
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import LANES
 from luxel.kernels.tree_trace import MISS, scratch
+from luxel.kernels.waves import add_path, follow_paths, wave_scratch
 
 __all__ = ["gather_texels"]
 
@@ -28,8 +29,11 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 @kernel(borrows=True)
-def _trace_patch(world, work, near, known, site, table, chosen_set, patch, values):
-    """Estimate luminance at the starts of the rays of one patch; -1 for samples buried in a neighbour."""
+def _trace_patch(world, work, near, known, site, table, chosen_set, patch, values, waves, paths):
+    """Estimate what the rays of one patch bring without bounces; -1 for samples buried in a neighbour.
+
+    Rays that meet a neighbour become paths; returns how many there are by now.
+    """
     block = patch * table.width
     first, at = block * RAY, block * LANES
     count = min(table.width * LANES, table.texel.shape[0] - at)
@@ -37,7 +41,7 @@ def _trace_patch(world, work, near, known, site, table, chosen_set, patch, value
     p = table.patches[patch]
     found = patch_neighbours(near, known, p[0], p[1], p[2], p[3])
     first_hits(world, work, near, found, site, rays, first, count)
-    bounces = world.model == INTERREFLECTION and world.albedo > 0
+    bouncing = world.model == INTERREFLECTION and world.albedo > 0
     for s in range(count):
         t, hit = near.hit_t[s], near.hit[s]
         o = first + ray_word(s)
@@ -46,7 +50,7 @@ def _trace_patch(world, work, near, known, site, table, chosen_set, patch, value
             value = sky_along(world, site, rays, o)
         elif hit >= 0 and t <= 0:
             value = -_ONE
-        elif hit >= 0 and bounces:
+        elif hit >= 0 and bouncing and table.texel[at + s] >= 0:
             _, _, _, px, py, pz = ray_start(site, rays, o)
             t *= site.r
             px, py, pz, offset = hit_point(
@@ -54,10 +58,11 @@ def _trace_patch(world, work, near, known, site, table, chosen_set, patch, value
                 pz + t * rays[o + 5 * LANES],
             )  # fmt: skip
             state = path_key(world.seed, site.sphere, at + s, 2, PURPOSE_TEXEL)
-            value = path_tail(world, work, hit, px, py, pz, offset, state)
-        values[s] = value
+            add_path(world.cell, waves, paths, at + s, hit, px, py, pz, offset, state)
+            paths += 1
+        values[at + s] = value
     add_direct(world, work, near, found, site, table, chosen_set, block, count, values)
-    return count
+    return paths
 
 
 @kernel
@@ -65,7 +70,9 @@ def gather_texels(world, table, ids, mean, variance, exposed):
     """As ``texels.sample_texels``, with the rays of `table`."""
     work = scratch(world.tree.stack_size)
     near = near_scratch(table.width * LANES)
-    values = np.zeros(table.width * LANES, np.float32)
+    rays = table.texel.shape[0]
+    waves = wave_scratch(rays)
+    values = np.zeros(rays, np.float32)
     texels = mean.shape[1] * mean.shape[2]
     for k in range(ids.shape[0]):
         i = ids[k]
@@ -77,14 +84,18 @@ def gather_texels(world, table, ids, mean, variance, exposed):
         total[:] = _ZERO
         total2[:] = _ZERO
         seen[:] = 0
+        paths = 0
         for patch in range(table.patches.shape[0]):
-            count = _trace_patch(world, work, near, known, site, table, chosen_set, patch, values)
-            for s in range(count):
-                texel, value = table.texel[patch * table.width * LANES + s], values[s]
-                if texel >= 0 and value >= 0:
-                    total[texel] += value
-                    total2[texel] += value * value
-                    seen[texel] += 1
+            paths = _trace_patch(
+                world, work, near, known, site, table, chosen_set, patch, values, waves, paths
+            )
+        follow_paths(world, work, near, known, site, waves, paths, values)
+        for s in range(rays):
+            texel, value = table.texel[s], values[s]
+            if texel >= 0 and value >= 0:
+                total[texel] += value
+                total2[texel] += value * value
+                seen[texel] += 1
         for texel in range(texels):
             n = np.float32(seen[texel])
             if n > 0:

@@ -34,7 +34,7 @@ from luxel.kernels.simd import (
 )
 from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE
 
-__all__ = ["RAY", "Near", "collect", "near_scratch", "nearest", "patch_neighbours", "unblocked"]
+__all__ = ["EXIT", "GIANT", "RAY", "Near", "collect", "near_scratch", "nearest", "patch_neighbours", "unblocked"]
 
 # Words of a block of sixteen rays: start a, direction d, and w = a·d.
 RAY = 7 * LANES
@@ -43,8 +43,8 @@ _REACH = np.float32(3.5)
 _CAPACITY = 512
 _ENOUGH = 128
 # Beyond this ratio of radii b² - q cancels: such neighbours are tested by their distance from the ray.
-_GIANT = np.float32(8)
-_EXIT = np.float32(1e-4)  # as in tree_trace: a sphere that a ray is about to leave does not block it
+GIANT = np.float32(8)
+EXIT = np.float32(1e-4)  # as in tree_trace: a sphere that a ray is about to leave does not block it
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
@@ -229,7 +229,7 @@ def _cross(near, j, ax, ay, az, dx, dy, dz, w):
     ex, ey, ez = splat(near.x[j]), splat(near.y[j]), splat(near.z[j])
     b = fma(dx, ex, fma(dy, ey, fma(dz, ez, -w)))
     q = fnma(splat(_TWO), fma(ax, ex, fma(ay, ey, az * ez)), splat(near.power[j]))
-    if near.radius[j] > _GIANT:
+    if near.radius[j] > GIANT:
         px, py, pz = fnma(b, dx, ex - ax), fnma(b, dy, ey - ay), fnma(b, dz, ez - az)
         p = vsqrt(fma(px, px, fma(py, py, pz * pz)))
         r = splat(near.radius[j])
@@ -243,7 +243,7 @@ def nearest(near, found, rays, first, blocks, out):
 
     `found` neighbours were chosen; blocks start at word `first` of `rays`; results start at ray `out`.
     """
-    zero, exit_ = splat(_ZERO), splat(_EXIT)
+    zero, exit_ = splat(_ZERO), splat(EXIT)
     for block in range(blocks):
         o = first + block * RAY
         ax, ay, az = load(rays, o), load(rays, o + LANES), load(rays, o + 2 * LANES)
@@ -271,7 +271,7 @@ def nearest(near, found, rays, first, blocks, out):
 @kernel
 def unblocked(near, found, rays, first, open_):
     """Which of sixteen rays no chosen neighbour blocks: a subset of the bits `open_`."""
-    zero, exit_ = splat(_ZERO), splat(_EXIT)
+    zero, exit_ = splat(_ZERO), splat(EXIT)
     ax, ay, az = load(rays, first), load(rays, first + LANES), load(rays, first + 2 * LANES)
     dx, dy, dz = load(rays, first + 3 * LANES), load(rays, first + 4 * LANES), load(rays, first + 5 * LANES)
     w = load(rays, first + 6 * LANES)

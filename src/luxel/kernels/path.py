@@ -23,6 +23,7 @@ __all__ = [
     "buried",
     "luminance_at",
     "path_tail",
+    "survival",
 ]
 
 LAMBERTIAN, SHADOWS, AO, INTERREFLECTION = 0, 1, 2, 3
@@ -110,6 +111,12 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
     return total + path_tail(world, work, hit, hx, hy, hz, offset, state)
 
 
+@kernel(inline=True, borrows=True)
+def survival(weight, bounce):
+    """Probability with which a path of this weight goes on after so many bounces."""
+    return min(weight, _ONE if bounce <= _PATIENCE else _SURVIVAL)
+
+
 @kernel(borrows=True)
 def path_tail(world, work, sphere, px, py, pz, offset, state):
     """Estimate the luminance that a path which meets `sphere` at p brings home: albedo · T(p).
@@ -122,12 +129,12 @@ def path_tail(world, work, sphere, px, py, pz, offset, state):
     while bounces < world.max_bounces:
         bounces += 1
         weight *= world.albedo
-        survival = min(weight, _ONE if bounces <= _PATIENCE else _SURVIVAL)
+        chance = survival(weight, bounces)
         state = next_state(state)
         u, v = uniform(state)
-        if u >= survival:
+        if u >= chance:
             break
-        weight /= survival
+        weight /= chance
         cx, cy, cz = world.centers[sphere, 0], world.centers[sphere, 1], world.centers[sphere, 2]
         hx, hy, hz = px - cx, py - cy, pz - cz
         scale = _ONE / np.sqrt(hx * hx + hy * hy + hz * hz)

@@ -232,14 +232,14 @@ def add_sunlight(world, work, near, found, site, sun, rays, first, count, values
 
 @kernel(borrows=True)
 def add_direct(world, work, near, found, site, table, chosen_set, block, count, values):
-    """Add suns and area lights to those of `count` values, of rays from `block` on, that are not negative."""
-    first = block * RAY
+    """Add suns and area lights to those of `count` values from `block` on that are not negative."""
+    first, at = block * RAY, block * LANES
     for q in range(world.lights.suns.shape[0]):
-        add_sunlight(world, work, near, found, site, q, table.suns[q, chosen_set], first, count, values, 0)
+        add_sunlight(world, work, near, found, site, q, table.suns[q, chosen_set], first, count, values, at)
     if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:
         return
     for s in range(count):
-        if values[s] >= 0:
-            state = path_key(world.seed, site.sphere, block * LANES + s, 1, PURPOSE_TEXEL)
+        if values[at + s] >= 0:
+            state = path_key(world.seed, site.sphere, at + s, 1, PURPOSE_TEXEL)
             ax, ay, az, px, py, pz = ray_start(site, table.rays[chosen_set], first + ray_word(s))
-            values[s] += area_light(world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, state)[0]
+            values[at + s] += area_light(world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, state)[0]

@@ -11,7 +11,7 @@ from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, sun_direction
 from luxel.kernels.mapping import texel_direction
 from luxel.kernels.near import RAY, near_scratch, patch_neighbours
-from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at, path_tail
+from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at
 from luxel.kernels.periodic import HERE, LOST
 from luxel.kernels.rays import (
     Site,
@@ -30,6 +30,7 @@ from luxel.kernels.rng import PURPOSE_TEXEL, next_state, path_key, uniform
 from luxel.kernels.simd import FAR, LANES
 from luxel.kernels.tree_trace import scratch
 from luxel.kernels.warp import cosine_direction
+from luxel.kernels.waves import add_path, follow_paths, wave_scratch
 
 __all__ = ["sample_texels"]
 
@@ -68,9 +69,10 @@ def _plain(world, work, site, rays, count, values, states):
 
 
 @kernel
-def _paths(world, work, near, found, site, rays, count, values, states):
+def _paths(world, work, near, known, found, site, rays, count, values, states, waves):
     """All but the first vertex' suns along the path of each sample; buried samples become -1."""
     first_hits(world, work, near, found, site, rays, 0, count)
+    paths = 0
     for s in range(count):
         t, hit = near.hit_t[s], near.hit[s]
         if hit >= 0 and t <= 0:
@@ -85,10 +87,12 @@ def _paths(world, work, near, found, site, rays, count, values, states):
                 world.cell, near, s, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
                 pz + t * rays[o + 5 * LANES],
             )  # fmt: skip
-            value += path_tail(world, work, hit, hx, hy, hz, offset, state)
+            add_path(world.cell, waves, paths, s, hit, hx, hy, hz, offset, state)
+            paths += 1
         elif hit != LOST:
             value += sky_along(world, site, rays, o)
         values[s] = value
+    follow_paths(world, work, near, known, site, waves, paths, values)
 
 
 @kernel
@@ -125,6 +129,7 @@ def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
     rays = np.zeros(blocks * RAY, np.float32)
     sun_rays = np.zeros((max(1, suns), blocks * RAY), np.float32)
     states = np.zeros(count, np.uint64)
+    waves = wave_scratch(count)
     values = np.zeros(count, np.float32)
     after_suns = next_state(np.uint64(0)) * np.uint64(1 + suns)
     for k in range(ids.shape[0]):
@@ -142,7 +147,9 @@ def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
                 for s in range(count):
                     states[s] += after_suns
                 if world.model == INTERREFLECTION:
-                    _paths(world, work, near, found, site, rays, count, values, states)
+                    _paths(
+                        world, work, near, known, found, site, rays, count, values, states, waves
+                    )
                 elif world.reach < FAR:
                     within_reach(world, work, near, found, site, rays, 0, count, values, 0)
                 else:

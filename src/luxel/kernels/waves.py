@@ -1,0 +1,344 @@
+"""All paths that leave one particle, bounce by bounce together: sixteen at a time against its near field.
+
+Most paths bounce on among the particle's neighbours. Their rays start all over the near ball, so that no neighbour can
+be ruled out beforehand; but sixteen rays against all of them still cost less than one goes through the tree.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_direction, sun_luminance
+from luxel.kernels.near import EXIT, GIANT
+from luxel.kernels.path import path_tail, survival
+from luxel.kernels.periodic import HERE
+from luxel.kernels.rng import next_state, uniform
+from luxel.kernels.simd import (
+    FAR,
+    LANES,
+    any_lane,
+    bits,
+    fma,
+    fnma,
+    lane_max,
+    load,
+    mask_from_bits,
+    select,
+    splat,
+    splat_int,
+    store,
+    trailing_zeros,
+    vmax,
+    vsqrt,
+)
+from luxel.kernels.tree_trace import MISS, occluded, trace
+from luxel.kernels.warp import cosine_direction
+
+__all__ = ["Waves", "add_path", "follow_paths", "wave_scratch"]
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+
+
+class Waves(NamedTuple):
+    """Paths of one particle under way, and a block of sixteen of their rays; working memory of one thread."""
+
+    ray: np.ndarray  # (n,) int32: where the light of a path goes
+    sphere: np.ndarray  # (n,) int32 it was reflected by last
+    point: np.ndarray  # (n, 3) float32 where
+    weight: np.ndarray  # (n,) float32
+    light: np.ndarray  # (n,) float32 found so far
+    state: np.ndarray  # (n,) uint64 of its random numbers
+    offset: np.ndarray  # (n, 3) float32, see ``periodic.follow``; in periodic cells only
+    start: np.ndarray  # (3 * 16,) float32, in radii of the particle from its centre
+    direction: np.ndarray  # (3 * 16,) float32
+    skip: np.ndarray  # (16,) int32 spheres that rays leave
+    t: np.ndarray  # (16,) float32 distance in radii
+    hit: np.ndarray  # (16,) int32 index of a neighbour, -1 for none, _SELF
+    normal: np.ndarray  # (16, 3) float32
+    next_point: np.ndarray  # (16, 3) float32 where rays meet something
+    next_sphere: np.ndarray  # (16,) int32 what
+
+
+_SELF = np.int32(-2)
+
+
+@kernel
+def wave_scratch(paths):
+    """Allocate for at most `paths` paths."""
+    return Waves(
+        np.zeros(paths, np.int32), np.zeros(paths, np.int32), np.zeros((paths, 3), np.float32),
+        np.zeros(paths, np.float32), np.zeros(paths, np.float32), np.zeros(paths, np.uint64),
+        np.zeros((paths, 3), np.float32), np.zeros(3 * LANES, np.float32), np.zeros(3 * LANES, np.float32),
+        np.zeros(LANES, np.int32), np.zeros(LANES, np.float32), np.zeros(LANES, np.int32),
+        np.zeros((LANES, 3), np.float32), np.zeros((LANES, 3), np.float32), np.zeros(LANES, np.int32),
+    )  # fmt: skip
+
+
+@kernel(inline=True, borrows=True)
+def add_path(cell, waves, k, ray, sphere, x, y, z, offset, state):
+    """Path k has met a sphere at (x, y, z); its light will be added to that of ray `ray`."""
+    waves.ray[k], waves.sphere[k], waves.state[k] = ray, sphere, state
+    waves.point[k, 0], waves.point[k, 1], waves.point[k, 2] = x, y, z
+    waves.weight[k], waves.light[k] = _ONE, _ZERO
+    if cell is not None:
+        waves.offset[k, 0], waves.offset[k, 1], waves.offset[k, 2] = offset
+
+
+@kernel(inline=True, borrows=True)
+def _meet(ex, ey, ez, dx, dy, dz, radius):
+    """Return (b, disc): rays meet a sphere whose centre lies at e from their starts at b -+ sqrt(disc)."""
+    b = fma(dx, ex, fma(dy, ey, dz * ez))
+    px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
+    p2 = fma(px, px, fma(py, py, pz * pz))
+    r = splat(radius)
+    if radius > GIANT:
+        p = vsqrt(p2)
+        return b, (r - p) * (r + p)
+    return b, fma(r, r, -p2)
+
+
+@kernel(borrows=True)
+def _nearest(near, known, self_, waves):
+    """Nearest sphere of the near field, the particle itself among them, that each of sixteen rays meets."""
+    zero, exit_ = splat(_ZERO), splat(EXIT)
+    ax, ay, az = load(waves.start, 0), load(waves.start, LANES), load(waves.start, 2 * LANES)
+    dx, dy, dz = load(waves.direction, 0), load(waves.direction, LANES), load(waves.direction, 2 * LANES)
+    skip = load(waves.skip, 0)
+    far = vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
+    b, disc = _meet(-ax, -ay, -az, dx, dy, dz, _ONE)
+    root = vsqrt(vmax(disc, zero))
+    hits = (disc >= zero) & (b + root > exit_) & (skip != splat_int(self_))
+    t = select(hits, vmax(b - root, zero), splat(FAR))
+    hit = select(hits, splat_int(_SELF), splat_int(np.int32(-1)))
+    latest = lane_max(t + far)
+    for j in range(known):
+        if near.surface[j] > latest:
+            break
+        b, disc = _meet(
+            splat(near.x[j]) - ax, splat(near.y[j]) - ay, splat(near.z[j]) - az, dx, dy, dz, near.radius[j]
+        )
+        crosses = (disc >= zero) & (skip != splat_int(near.id[j]))
+        if any_lane(crosses):
+            root = vsqrt(vmax(disc, zero))
+            start = vmax(b - root, zero)
+            hits = crosses & (b + root > exit_ * near.radius[j]) & (start < t)
+            if any_lane(hits):
+                t = select(hits, start, t)
+                hit = select(hits, splat_int(np.int32(j)), hit)
+                latest = lane_max(t + far)
+    store(waves.t, 0, t)
+    store(waves.hit, 0, hit)
+
+
+@kernel(borrows=True)
+def _unblocked(near, known, self_, waves, open_):
+    """Which of sixteen rays nothing in the near field blocks: a subset of the bits `open_`."""
+    zero, exit_ = splat(_ZERO), splat(EXIT)
+    ax, ay, az = load(waves.start, 0), load(waves.start, LANES), load(waves.start, 2 * LANES)
+    dx, dy, dz = load(waves.direction, 0), load(waves.direction, LANES), load(waves.direction, 2 * LANES)
+    skip = load(waves.skip, 0)
+    b, disc = _meet(-ax, -ay, -az, dx, dy, dz, _ONE)
+    clear = (disc <= zero) | (b + vsqrt(vmax(disc, zero)) <= exit_)
+    still = mask_from_bits(open_) & (clear | (skip == splat_int(self_)))
+    for j in range(known):
+        if not any_lane(still):
+            return 0
+        b, disc = _meet(
+            splat(near.x[j]) - ax, splat(near.y[j]) - ay, splat(near.z[j]) - az, dx, dy, dz, near.radius[j]
+        )
+        clear = (disc <= zero) | (b + vsqrt(vmax(disc, zero)) <= exit_ * near.radius[j])
+        still = still & (clear | (skip == splat_int(near.id[j])))
+    return bits(still)
+
+
+@kernel(inline=True, borrows=True)
+def _exit_of_ball(waves, lane, reach):
+    """Distance, in radii, at which a ray leaves the near ball; negative if it starts outside."""
+    ax, ay, az = waves.start[lane], waves.start[LANES + lane], waves.start[2 * LANES + lane]
+    a2 = ax * ax + ay * ay + az * az
+    if not a2 < reach * reach:
+        return -_ONE
+    w = (
+        ax * waves.direction[lane]
+        + ay * waves.direction[LANES + lane]
+        + az * waves.direction[2 * LANES + lane]
+    )
+    return np.sqrt(w * w + reach * reach - a2) - w
+
+
+@kernel(borrows=True)
+def _first_hit(world, work, near, site, waves, k, lane):
+    """Distance and sphere that the ray of path k meets, which is in `lane` of the block."""
+    leave = _exit_of_ball(waves, lane, site.reach)
+    t, hit = waves.t[lane], waves.hit[lane]
+    if hit != -1 and t <= leave:
+        return t * site.r, site.sphere if hit == _SELF else near.id[hit]
+    before = max(leave, _ZERO) * site.r
+    limit = t * site.r - before if hit != -1 else FAR
+    dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
+    x, y, z = waves.point[k, 0] + before * dx, waves.point[k, 1] + before * dy, waves.point[k, 2] + before * dz
+    beyond, found = trace(world.tree, work, x, y, z, dx, dy, dz, limit, waves.skip[lane], False)
+    if found >= 0 or hit == -1:
+        return before + beyond, found
+    return t * site.r, site.sphere if hit == _SELF else near.id[hit]
+
+
+@kernel(borrows=True)
+def _sunlight(world, work, near, known, site, waves, first, count, alive, sun):
+    """Add the light of a sun at the points of those of sixteen paths that are `alive`."""
+    open_ = 0
+    for lane in range(count):
+        k = first + lane
+        waves.state[k] = next_state(waves.state[k])
+        u, v = uniform(waves.state[k])
+        dx, dy, dz = sun_direction(world.lights, sun, u, v)
+        waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane] = dx, dy, dz
+        n = waves.normal[lane]
+        waves.t[lane] = n[0] * dx + n[1] * dy + n[2] * dz
+        if alive >> lane & 1 and waves.t[lane] > 0:
+            open_ |= 1 << lane
+    inside = 0
+    for lane in range(count):
+        if open_ >> lane & 1 and _exit_of_ball(waves, lane, site.reach) >= 0:
+            inside |= 1 << lane
+    if inside != 0:
+        open_ = (open_ & ~inside) | _unblocked(near, known, site.sphere, waves, inside)
+    while open_ != 0:
+        lane = trailing_zeros(open_)
+        open_ &= open_ - 1
+        k = first + lane
+        dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
+        x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
+        if hidden_by_light(world.lights, x, y, z, dx, dy, dz, FAR):
+            continue
+        before = max(_exit_of_ball(waves, lane, site.reach), _ZERO) * site.r
+        x, y, z = x + before * dx, y + before * dy, z + before * dz
+        if not occluded(world.tree, work, x, y, z, dx, dy, dz, FAR, waves.skip[lane]):
+            waves.light[k] += waves.weight[k] * sun_luminance(world.lights, sun, waves.t[lane])
+
+
+@kernel(inline=True, borrows=True)
+def _move(waves, k, to):
+    waves.ray[to], waves.sphere[to], waves.state[to] = waves.ray[k], waves.sphere[k], waves.state[k]
+    waves.weight[to], waves.light[to] = waves.weight[k], waves.light[k]
+    for c in range(3):
+        waves.point[to, c] = waves.point[k, c]
+
+
+@kernel(borrows=True)
+def _roulette(world, waves, count, bounce, values):
+    """Let paths survive by their weight; returns how many do."""
+    alive = 0
+    for k in range(count):
+        weight = waves.weight[k] * world.albedo
+        chance = survival(weight, bounce)
+        waves.state[k] = next_state(waves.state[k])
+        u, v = uniform(waves.state[k])
+        if u >= chance:
+            values[waves.ray[k]] += waves.light[k]
+        else:
+            waves.weight[k] = weight / chance
+            _move(waves, k, alive)
+            alive += 1
+    return alive
+
+
+@kernel(borrows=True)
+def _aim(world, site, waves, k, lane):
+    """Put path k on its sphere, and its next ray into `lane` of the block."""
+    sphere = waves.sphere[k]
+    cx, cy, cz, r = world.centers[sphere, 0], world.centers[sphere, 1], world.centers[sphere, 2], world.radii[sphere]
+    x, y, z = waves.point[k, 0] - cx, waves.point[k, 1] - cy, waves.point[k, 2] - cz
+    scale = _ONE / np.sqrt(x * x + y * y + z * z)
+    x, y, z = x * scale, y * scale, z * scale
+    waves.normal[lane, 0], waves.normal[lane, 1], waves.normal[lane, 2] = x, y, z
+    waves.point[k, 0], waves.point[k, 1], waves.point[k, 2] = cx + r * x, cy + r * y, cz + r * z
+    waves.state[k] = next_state(waves.state[k])
+    u, v = uniform(waves.state[k])
+    dx, dy, dz = cosine_direction(x, y, z, u, v)
+    inverse = _ONE / site.r
+    # By way of the difference of centres: points of a giant far from its own centre keep their digits.
+    waves.start[lane] = ((cx - site.x) + r * x) * inverse
+    waves.start[LANES + lane] = ((cy - site.y) + r * y) * inverse
+    waves.start[2 * LANES + lane] = ((cz - site.z) + r * z) * inverse
+    waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane] = dx, dy, dz
+    waves.skip[lane] = sphere
+
+
+@kernel(borrows=True)
+def _bounce(world, work, near, known, site, waves, first, count):
+    """One bounce of sixteen paths: their light at this point, and where they go; returns who goes on."""
+    next_point, next_sphere = waves.next_point, waves.next_sphere
+    for lane in range(count):
+        _aim(world, site, waves, first + lane, lane)
+    for lane in range(count, LANES):  # what an earlier block has left there must not slow this one down
+        for c in range(0, 3 * LANES, LANES):
+            waves.start[c + lane], waves.direction[c + lane] = waves.start[c], waves.direction[c]
+        waves.skip[lane] = waves.skip[0]
+    _nearest(near, known, site.sphere, waves)
+    alive = on = 0
+    for lane in range(count):
+        k = first + lane
+        t, hit = _first_hit(world, work, near, site, waves, k, lane)
+        next_sphere[lane] = hit
+        if hit >= 0 and t <= 0:
+            continue  # rounding can bury a point where spheres meet
+        alive |= 1 << lane
+        x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
+        dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
+        if hit == MISS:
+            waves.light[k] += waves.weight[k] * escape_radiance(world.lights, x, y, z, dx, dy, dz)
+        else:
+            on |= 1 << lane
+            next_point[lane, 0], next_point[lane, 1], next_point[lane, 2] = x + t * dx, y + t * dy, z + t * dz
+    for sun in range(world.lights.suns.shape[0]):
+        _sunlight(world, work, near, known, site, waves, first, count, alive, sun)
+    if world.lights.globes.shape[0] + world.lights.quads.shape[0] > 0:
+        for lane in range(count):
+            if alive >> lane & 1:
+                k = first + lane
+                x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
+                n = waves.normal[lane]
+                light, waves.state[k] = area_light(
+                    world, work, True, x, y, z, HERE, n[0], n[1], n[2], waves.skip[lane], waves.state[k]
+                )
+                waves.light[k] += waves.weight[k] * light
+    return on
+
+
+@kernel(borrows=True)
+def follow_paths(world, work, near, known, site, waves, count, values):
+    """Add to `values` the light that `count` paths bring: what ``path.path_tail`` finds, from the same random numbers."""
+    if world.cell is not None:
+        for k in range(count):
+            offset = (waves.offset[k, 0], waves.offset[k, 1], waves.offset[k, 2])
+            x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
+            values[waves.ray[k]] += path_tail(
+                world, work, waves.sphere[k], x, y, z, offset, waves.state[k]
+            )
+    else:
+        next_point, next_sphere = waves.next_point, waves.next_sphere
+        for bounce in range(1, world.max_bounces + 1):
+            count = _roulette(world, waves, count, bounce, values)
+            if count == 0:
+                break
+            alive = 0
+            for first in range(0, count, LANES):
+                lanes = min(LANES, count - first)
+                on = _bounce(world, work, near, known, site, waves, first, lanes)
+                for lane in range(lanes):
+                    k = first + lane
+                    if on >> lane & 1:
+                        _move(waves, k, alive)
+                        waves.sphere[alive] = next_sphere[lane]
+                        for c in range(3):
+                            waves.point[alive, c] = next_point[lane, c]
+                        alive += 1
+                    else:
+                        values[waves.ray[k]] += waves.light[k]
+            count = alive
+        for k in range(count):
+            values[waves.ray[k]] += waves.light[k]
