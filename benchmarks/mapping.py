@@ -30,8 +30,8 @@ from luxel.kernels.rng import PURPOSE_PIXEL, path_key
 from luxel.kernels.shade import bilinear
 from luxel.kernels.tree_trace import scratch
 from luxel.light.denoise import dilate
-from luxel.light.fast import draw_paths
 from luxel.light.mapping import Mapping, mapping_code, texel_solid_angles
+from luxel.light.sampling import draw_paths
 from luxel.light.world import make_world
 from luxel.picture.raytrace import visible_ids
 from luxel.textures.bake import Baker

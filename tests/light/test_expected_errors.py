@@ -9,8 +9,8 @@ import pytest
 
 import luxel
 from benchmarks.scenes import plate
-from luxel.light.fast import draw_paths
 from luxel.light.mapping import texel_solid_angles
+from luxel.light.sampling import draw_paths
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import luxel
-from luxel.light.fast import draw_paths
+from luxel.light.sampling import draw_paths
 from luxel.scene.lights import sun_direction
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec

@@ -5,7 +5,7 @@ import pytest
 
 import luxel
 from luxel.errors import InputError
-from luxel.light.fast import draw_paths
+from luxel.light.sampling import draw_paths
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec
 from luxel.textures.textures import decode, encode

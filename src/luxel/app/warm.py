@@ -43,7 +43,8 @@ def _picture() -> None:
 
     from luxel.kernels.path import path_tail
     from luxel.kernels.tree_trace import scratch
-    from luxel.light.denoise import Samples, TextureFilter
+    from luxel.light.denoise import TextureFilter
+    from luxel.light.sampling import Drawn, Samples
     from luxel.light.world import make_world
     from luxel.picture.raytrace import render
 
@@ -55,7 +56,7 @@ def _picture() -> None:
     path_tail(world, work, np.int32(0), zero, zero, zero, (zero, zero, zero), np.uint64(0))
     shape = (64, 16, 16)
     noise = np.random.default_rng(0).random(shape).astype(np.float32)
-    drawn = Samples(noise, noise, np.ones(shape, np.uint32))
+    drawn = Drawn(Samples(noise, noise, np.ones(shape, np.uint32)), None)
     TextureFilter.learn(drawn, drawn, drawn, "latlong")
     render(scene.with_changes(model="lambertian"), size=(16, 16), threads=1)
 

@@ -9,7 +9,7 @@ from luxel.kernels.near import RAY, near_scratch, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION
 from luxel.kernels.rays import (
     Site,
-    add_direct,
+    add_area_lights,
     first_hits,
     hit_point,
     neighbours,
@@ -20,6 +20,7 @@ from luxel.kernels.rays import (
 )
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import LANES
+from luxel.kernels.sunlight import sun_scratch, sunlight
 from luxel.kernels.tree_trace import MISS, scratch
 from luxel.kernels.waves import add_path, follow_paths, wave_scratch
 
@@ -30,7 +31,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 @kernel(borrows=True)
 def _trace_patch(world, work, near, known, site, table, chosen_set, patch, values, waves, paths):
-    """Estimate what the rays of one patch bring without bounces; -1 for samples buried in a neighbour.
+    """Estimate what the rays of one patch bring without bounces and suns; -1 for samples buried in a neighbour.
 
     Rays that meet a neighbour become paths; returns how many there are by now.
     """
@@ -61,44 +62,63 @@ def _trace_patch(world, work, near, known, site, table, chosen_set, patch, value
             add_path(world.cell, waves, paths, at + s, hit, px, py, pz, offset, state)
             paths += 1
         values[at + s] = value
-    add_direct(world, work, near, found, site, table, chosen_set, block, count, values)
+    add_area_lights(world, work, site, table, chosen_set, block, count, values)
     return paths
 
 
 @kernel
-def gather_texels(world, table, ids, mean, variance, exposed):
-    """As ``texels.sample_texels``, with the rays of `table`."""
+def gather_texels(world, table, sun_table, ids, mean, variance, exposed, sun, sun_variance, sun_exposed):
+    """As ``texels.sample_texels``, with the rays of `table`; sunlight apart, with those of `sun_table`.
+
+    The last three are as the three before them; where there is no sun they are not written.
+    """
     work = scratch(world.tree.stack_size)
     near = near_scratch(table.width * LANES)
     rays = table.texel.shape[0]
     waves = wave_scratch(rays)
+    suns = sun_scratch(sun_table)
     values = np.zeros(rays, np.float32)
-    texels = mean.shape[1] * mean.shape[2]
     for k in range(ids.shape[0]):
         i = ids[k]
         x, y, z, r = world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i]
         known, reach = neighbours(world, work, near, i)
         site = Site(i, x, y, z, r, reach)
         chosen_set = set_of(world, i, table.rays.shape[0])
-        total, total2, seen = mean[k].reshape(-1), variance[k].reshape(-1), exposed[k].reshape(-1)
-        total[:] = _ZERO
-        total2[:] = _ZERO
-        seen[:] = 0
         paths = 0
         for patch in range(table.patches.shape[0]):
             paths = _trace_patch(
                 world, work, near, known, site, table, chosen_set, patch, values, waves, paths
             )
         follow_paths(world, work, near, known, site, waves, paths, values)
+        total, total2, seen = mean[k].reshape(-1), variance[k].reshape(-1), exposed[k].reshape(-1)
+        _clear(total, total2, seen)
         for s in range(rays):
             texel, value = table.texel[s], values[s]
             if texel >= 0 and value >= 0:
                 total[texel] += value
                 total2[texel] += value * value
                 seen[texel] += 1
-        for texel in range(texels):
-            n = np.float32(seen[texel])
-            if n > 0:
-                total[texel] /= n
-            spread = total2[texel] - n * total[texel] * total[texel]
-            total2[texel] = max(_ZERO, spread) / (n - _ONE) if n > 1 else _ZERO
+        _average(total, total2, seen)
+        if sun_table.rays.shape[0] > 0:
+            total, total2, seen = sun[k].reshape(-1), sun_variance[k].reshape(-1), sun_exposed[k].reshape(-1)
+            _clear(total, total2, seen)
+            sunlight(world, work, near, known, site, sun_table, suns, total, total2, seen)
+            _average(total, total2, seen)
+
+
+@kernel(inline=True)
+def _clear(total, total2, seen):
+    total[:] = _ZERO
+    total2[:] = _ZERO
+    seen[:] = 0
+
+
+@kernel(inline=True)
+def _average(total, total2, seen):
+    """Turn sums into means and variances of one sample."""
+    for texel in range(total.shape[0]):
+        n = np.float32(seen[texel])
+        if n > 0:
+            total[texel] /= n
+        spread = total2[texel] - n * total[texel] * total[texel]
+        total2[texel] = max(_ZERO, spread) / (n - _ONE) if n > 1 else _ZERO

@@ -34,7 +34,18 @@ from luxel.kernels.simd import (
 )
 from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE
 
-__all__ = ["EXIT", "GIANT", "RAY", "Near", "collect", "near_scratch", "nearest", "patch_neighbours", "unblocked"]
+__all__ = [
+    "EXIT",
+    "GIANT",
+    "RAY",
+    "Near",
+    "buried_starts",
+    "collect",
+    "near_scratch",
+    "nearest",
+    "patch_neighbours",
+    "unblocked",
+]
 
 # Words of a block of sixteen rays: start a, direction d, and w = a·d.
 RAY = 7 * LANES
@@ -42,8 +53,8 @@ RAY = 7 * LANES
 _REACH = np.float32(3.5)
 _CAPACITY = 512
 _ENOUGH = 128
-# Beyond this ratio of radii b² - q cancels: such neighbours are tested by their distance from the ray.
-GIANT = np.float32(8)
+# Beyond these ratios of radii b² - q, or q itself, cancels: such neighbours are tested by their distance from the ray.
+GIANT, _DWARF = np.float32(8), np.float32(0.125)
 EXIT = np.float32(1e-4)  # as in tree_trace: a sphere that a ray is about to leave does not block it
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
@@ -228,12 +239,14 @@ def _cross(near, j, ax, ay, az, dx, dy, dz, w):
     """Return (b, disc, inside power) of sixteen rays and neighbour j: they meet at b -+ sqrt(disc)."""
     ex, ey, ez = splat(near.x[j]), splat(near.y[j]), splat(near.z[j])
     b = fma(dx, ex, fma(dy, ey, fma(dz, ez, -w)))
-    q = fnma(splat(_TWO), fma(ax, ex, fma(ay, ey, az * ez)), splat(near.power[j]))
-    if near.radius[j] > GIANT:
-        px, py, pz = fnma(b, dx, ex - ax), fnma(b, dy, ey - ay), fnma(b, dz, ez - az)
+    if near.radius[j] < _DWARF or near.radius[j] > GIANT:
+        ex, ey, ez = ex - ax, ey - ay, ez - az
+        px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
         p = vsqrt(fma(px, px, fma(py, py, pz * pz)))
+        far = vsqrt(fma(ex, ex, fma(ey, ey, ez * ez)))
         r = splat(near.radius[j])
-        return b, (r - p) * (r + p), q
+        return b, (r - p) * (r + p), (far - r) * (far + r)
+    q = fnma(splat(_TWO), fma(ax, ex, fma(ay, ey, az * ez)), splat(near.power[j]))
     return b, fma(b, b, -q), q
 
 
@@ -266,6 +279,18 @@ def nearest(near, found, rays, first, blocks, out):
                     latest = lane_max(t)
         store(near.hit_t, out + block * LANES, t)
         store(near.hit, out + block * LANES, hit)
+
+
+@kernel
+def buried_starts(near, count, rays, first):
+    """Which of sixteen rays start inside one of the first `count` neighbours, as bits."""
+    ax, ay, az = load(rays, first), load(rays, first + LANES), load(rays, first + 2 * LANES)
+    buried = 0
+    for j in range(count):
+        ex, ey, ez = splat(near.x[j]) - ax, splat(near.y[j]) - ay, splat(near.z[j]) - az
+        r = splat(near.radius[j])
+        buried |= bits(vsqrt(fma(ex, ex, fma(ey, ey, ez * ez))) < r)
+    return buried
 
 
 @kernel

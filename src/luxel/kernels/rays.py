@@ -20,7 +20,7 @@ from luxel.kernels.tree_trace import MISS
 __all__ = [
     "RayTable",
     "Site",
-    "add_direct",
+    "add_area_lights",
     "add_sunlight",
     "escaping",
     "first_hits",
@@ -31,6 +31,7 @@ __all__ = [
     "ray_word",
     "set_of",
     "sky_along",
+    "stopped",
     "within_reach",
 ]
 
@@ -46,7 +47,6 @@ class RayTable(NamedTuple):
     """Ray sets that particles share, in blocks of sixteen rays; see ``light.ray_sets``."""
 
     rays: np.ndarray  # (sets, blocks * RAY) float32
-    suns: np.ndarray  # (suns, sets, blocks * RAY) float32: the same starts, towards points of each sun's disc
     texel: np.ndarray  # (blocks * 16,) int32: the texel of each ray, -1 for padding
     patches: np.ndarray  # (patches, 4) float32: middle of the starts of a patch and the largest chord from it
     width: int  # blocks a patch
@@ -135,7 +135,7 @@ def _beyond(world, work, site, rays, o, t):
 
 
 @kernel(inline=True, borrows=True)
-def _stopped(world, work, site, rays, o):
+def stopped(world, work, site, rays, o):
     """Whether anything stops a ray beyond the near ball."""
     _, px, py, pz = _leave(site, rays, o)
     dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
@@ -201,7 +201,7 @@ def escaping(world, work, near, found, site, rays, first, count, values, base):
         open_ = unblocked(near, found, rays, o, _ALL)
         for lane in range(min(LANES, count - block * LANES)):
             value = _ZERO
-            if open_ >> lane & 1 and not _stopped(world, work, site, rays, o + lane):
+            if open_ >> lane & 1 and not stopped(world, work, site, rays, o + lane):
                 value = sky_along(world, site, rays, o + lane)
             values[base + block * LANES + lane] = value
 
@@ -222,7 +222,7 @@ def add_sunlight(world, work, near, found, site, sun, rays, first, count, values
             lane = trailing_zeros(open_)
             open_ &= open_ - 1
             q = o + lane
-            if _stopped(world, work, site, rays, q):
+            if stopped(world, work, site, rays, q):
                 continue
             _, _, _, px, py, pz = ray_start(site, rays, q)
             dx, dy, dz = rays[q + 3 * LANES], rays[q + 4 * LANES], rays[q + 5 * LANES]
@@ -231,15 +231,12 @@ def add_sunlight(world, work, near, found, site, sun, rays, first, count, values
 
 
 @kernel(borrows=True)
-def add_direct(world, work, near, found, site, table, chosen_set, block, count, values):
-    """Add suns and area lights to those of `count` values from `block` on that are not negative."""
-    first, at = block * RAY, block * LANES
-    for q in range(world.lights.suns.shape[0]):
-        add_sunlight(world, work, near, found, site, q, table.suns[q, chosen_set], first, count, values, at)
+def add_area_lights(world, work, site, table, chosen_set, block, count, values):
+    """Add area lights to those of `count` values from `block` on that are not negative."""
     if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:
         return
-    for s in range(count):
-        if values[at + s] >= 0:
-            state = path_key(world.seed, site.sphere, at + s, 1, PURPOSE_TEXEL)
-            ax, ay, az, px, py, pz = ray_start(site, table.rays[chosen_set], first + ray_word(s))
-            values[at + s] += area_light(world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, state)[0]
+    for s in range(block * LANES, block * LANES + count):
+        if values[s] >= 0:
+            state = path_key(world.seed, site.sphere, s, 1, PURPOSE_TEXEL)
+            ax, ay, az, px, py, pz = ray_start(site, table.rays[chosen_set], ray_word(s))
+            values[s] += area_light(world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, state)[0]

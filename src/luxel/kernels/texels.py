@@ -61,22 +61,24 @@ def _draw(world, mapping, sphere, texel, texels, grid, rays, sun_rays, states):
 
 
 @kernel
-def _plain(world, work, site, rays, count, values, states):
+def _plain(world, work, site, rays, count, values, base, states):
     """Every sample by itself through the tree."""
     for s in range(count):
         ax, ay, az, px, py, pz = ray_start(site, rays, ray_word(s))
-        values[s] = luminance_at(world, work, site.sphere, px, py, pz, ax, ay, az, states[s])
+        values[base + s] = luminance_at(world, work, site.sphere, px, py, pz, ax, ay, az, states[s])
 
 
 @kernel
-def _paths(world, work, near, known, found, site, rays, count, values, states, waves):
-    """All but the first vertex' suns along the path of each sample; buried samples become -1."""
+def _first_stretch(world, work, near, found, site, rays, count, values, base, states, waves, paths):
+    """All that the first vertex of each sample receives but sunlight; buried samples become -1.
+
+    Samples that meet a neighbour become paths; returns how many there are by now.
+    """
     first_hits(world, work, near, found, site, rays, 0, count)
-    paths = 0
     for s in range(count):
         t, hit = near.hit_t[s], near.hit[s]
         if hit >= 0 and t <= 0:
-            values[s] = -_ONE
+            values[base + s] = -_ONE
             continue
         o = ray_word(s)
         ax, ay, az, px, py, pz = ray_start(site, rays, o)
@@ -87,21 +89,23 @@ def _paths(world, work, near, known, found, site, rays, count, values, states, w
                 world.cell, near, s, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
                 pz + t * rays[o + 5 * LANES],
             )  # fmt: skip
-            add_path(world.cell, waves, paths, s, hit, hx, hy, hz, offset, state)
+            add_path(world.cell, waves, paths, base + s, hit, hx, hy, hz, offset, state)
             paths += 1
         elif hit != LOST:
             value += sky_along(world, site, rays, o)
-        values[s] = value
-    follow_paths(world, work, near, known, site, waves, paths, values)
+        values[base + s] = value
+    return paths
 
 
 @kernel
-def _area_lights(world, work, site, rays, count, values, states):
+def _area_lights(world, work, site, rays, count, values, base, states):
     if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:
         return
     for s in range(count):
         ax, ay, az, px, py, pz = ray_start(site, rays, ray_word(s))
-        values[s] += area_light(world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, states[s])[0]
+        values[base + s] += area_light(
+            world, work, True, px, py, pz, HERE, ax, ay, az, site.sphere, states[s]
+        )[0]
 
 
 @kernel
@@ -129,46 +133,51 @@ def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
     rays = np.zeros(blocks * RAY, np.float32)
     sun_rays = np.zeros((max(1, suns), blocks * RAY), np.float32)
     states = np.zeros(count, np.uint64)
-    waves = wave_scratch(count)
-    values = np.zeros(count, np.float32)
+    # Paths of a whole row of texels go on together, so that blocks of sixteen stay full.
+    waves = wave_scratch(texels * count)
+    values = np.zeros(texels * count, np.float32)
     after_suns = next_state(np.uint64(0)) * np.uint64(1 + suns)
     for k in range(ids.shape[0]):
         i = ids[k]
         x, y, z, r = world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i]
         known, reach = neighbours(world, work, near, i)
         site = Site(i, x, y, z, r, reach)
-        for texel in range(texels * texels):
-            _draw(world, mapping, i, texel, texels, grid, rays, sun_rays, states)
-            if world.model == LAMBERTIAN:
-                _plain(world, work, site, rays, count, values, states)
-            else:
+        for row in range(texels):
+            paths = 0
+            for column in range(texels):
+                texel, base = row * texels + column, column * count
+                _draw(world, mapping, i, texel, texels, grid, rays, sun_rays, states)
+                if world.model == LAMBERTIAN:
+                    _plain(world, work, site, rays, count, values, base, states)
+                    continue
                 f = frames[texel]
                 found = patch_neighbours(near, known, f[0], f[1], f[2], f[3])
                 for s in range(count):
                     states[s] += after_suns
                 if world.model == INTERREFLECTION:
-                    _paths(
-                        world, work, near, known, found, site, rays, count, values, states, waves
+                    paths = _first_stretch(
+                        world, work, near, found, site, rays, count, values, base, states, waves, paths
                     )
                 elif world.reach < FAR:
-                    within_reach(world, work, near, found, site, rays, 0, count, values, 0)
+                    within_reach(world, work, near, found, site, rays, 0, count, values, base)
                 else:
-                    escaping(world, work, near, found, site, rays, 0, count, values, 0)
+                    escaping(world, work, near, found, site, rays, 0, count, values, base)
                 if world.model == SHADOWS:
-                    _area_lights(world, work, site, rays, count, values, states)
+                    _area_lights(world, work, site, rays, count, values, base, states)
                 for q in range(suns):
-                    add_sunlight(world, work, near, found, site, q, sun_rays[q], 0, count, values, 0)
-            total = total2 = 0.0
-            seen = 0
-            for s in range(count):
-                value = values[s]
-                if value >= 0:
-                    total += value
-                    total2 += value * value
-                    seen += 1
-            row, column = texel // texels, texel % texels
-            mean[k, row, column] = total / seen if seen > 0 else 0.0
-            variance[k, row, column] = (
-                max(0.0, total2 - total * total / seen) / (seen - 1) if seen > 1 else 0.0
-            )
-            exposed[k, row, column] = seen
+                    add_sunlight(world, work, near, found, site, q, sun_rays[q], 0, count, values, base)
+            follow_paths(world, work, near, known, site, waves, paths, values)
+            for column in range(texels):
+                total = total2 = 0.0
+                seen = 0
+                for s in range(column * count, (column + 1) * count):
+                    value = values[s]
+                    if value >= 0:
+                        total += value
+                        total2 += value * value
+                        seen += 1
+                mean[k, row, column] = total / seen if seen > 0 else 0.0
+                variance[k, row, column] = (
+                    max(0.0, total2 - total * total / seen) / (seen - 1) if seen > 1 else 0.0
+                )
+                exposed[k, row, column] = seen

@@ -179,7 +179,11 @@ def _first_hit(world, work, near, site, waves, k, lane):
     before = max(leave, _ZERO) * site.r
     limit = t * site.r - before if hit != -1 else FAR
     dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
-    x, y, z = waves.point[k, 0] + before * dx, waves.point[k, 1] + before * dy, waves.point[k, 2] + before * dz
+    x, y, z = (
+        waves.point[k, 0] + before * dx,
+        waves.point[k, 1] + before * dy,
+        waves.point[k, 2] + before * dz,
+    )
     beyond, found = trace(world.tree, work, x, y, z, dx, dy, dz, limit, waves.skip[lane], False)
     if found >= 0 or hit == -1:
         return before + beyond, found
@@ -236,7 +240,7 @@ def _roulette(world, waves, count, bounce, values):
         weight = waves.weight[k] * world.albedo
         chance = survival(weight, bounce)
         waves.state[k] = next_state(waves.state[k])
-        u, v = uniform(waves.state[k])
+        u, _ = uniform(waves.state[k])
         if u >= chance:
             values[waves.ray[k]] += waves.light[k]
         else:
@@ -250,7 +254,12 @@ def _roulette(world, waves, count, bounce, values):
 def _aim(world, site, waves, k, lane):
     """Put path k on its sphere, and its next ray into `lane` of the block."""
     sphere = waves.sphere[k]
-    cx, cy, cz, r = world.centers[sphere, 0], world.centers[sphere, 1], world.centers[sphere, 2], world.radii[sphere]
+    cx, cy, cz, r = (
+        world.centers[sphere, 0],
+        world.centers[sphere, 1],
+        world.centers[sphere, 2],
+        world.radii[sphere],
+    )
     x, y, z = waves.point[k, 0] - cx, waves.point[k, 1] - cy, waves.point[k, 2] - cz
     scale = _ONE / np.sqrt(x * x + y * y + z * z)
     x, y, z = x * scale, y * scale, z * scale
@@ -316,9 +325,7 @@ def follow_paths(world, work, near, known, site, waves, count, values):
         for k in range(count):
             offset = (waves.offset[k, 0], waves.offset[k, 1], waves.offset[k, 2])
             x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
-            values[waves.ray[k]] += path_tail(
-                world, work, waves.sphere[k], x, y, z, offset, waves.state[k]
-            )
+            values[waves.ray[k]] += path_tail(world, work, waves.sphere[k], x, y, z, offset, waves.state[k])
     else:
         next_point, next_sphere = waves.next_point, waves.next_sphere
         for bounce in range(1, world.max_bounces + 1):

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from luxel.kernels.filter import Learned, filter_textures
 from luxel.light.mapping import Mapping, texel_neighbours, texel_solid_angles
+from luxel.light.sampling import Drawn, Samples
 
-__all__ = ["Samples", "TextureFilter", "dilate", "standard_error"]
+__all__ = ["TextureFilter", "dilate", "standard_error"]
 
 # Directions of the covariance that are kept: more only pay with more samples.
 _FEW_BASIS, _MORE_BASIS = 20, 32
@@ -29,14 +30,6 @@ _PRIOR_TEXELS = 32.0
 _BIN_TEXTURES = 64
 
 Float = NDArray[np.float64]
-
-
-class Samples(NamedTuple):
-    """Sampled textures, as ``kernels.gather`` and ``kernels.texels`` write them."""
-
-    mean: NDArray[np.float32]  # (K, T, T) over exposed samples, 0 where there are none
-    variance: NDArray[np.float32]  # (K, T, T) of one sample
-    exposed: NDArray[np.uint32]  # (K, T, T) number of samples that are not buried
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +50,8 @@ class TextureFilter:
         Variance of one sample, averaged over the training set.
     gain
         Noise of the samples as drawn, together, over that of as many independent ones: below 1 for ray sets.
+    sun_gain
+        As `gain`, for sunlight, which is not filtered.
     bins, factors
         (b,) predicted error variances and what to multiply them by, learned from the training set.
     weights
@@ -71,55 +66,54 @@ class TextureFilter:
     rest: Float
     noise: float
     gain: float
+    sun_gain: float
     bins: Float
     factors: Float
     weights: Float
     mapping: Mapping
 
     @classmethod
-    def learn(cls, first: Samples, second: Samples, drawn: Samples, mapping: Mapping) -> TextureFilter:
+    def learn(cls, first: Drawn, second: Drawn, drawn: Drawn, mapping: Mapping) -> TextureFilter:
         """Learn from three independent samplings of the same training textures.
 
         `first` and `second` are sampled well: products of the two are free of noise bias, whatever the noise is like
         (Lehtinen et al. 2018, "Noise2Noise", use the same fact). `drawn` is sampled as textures to be filtered will be.
         """
-        count, texels = len(first.mean), first.mean.shape[1]
-        a, b = (
-            dilate(s.mean, s.exposed > 0, mapping).reshape(count, -1).astype(np.float64)
-            for s in (first, second)
-        )
+        rest = drawn.rest
+        count, texels = len(rest.mean), rest.mean.shape[1]
+        a, b = (_dilated(d.rest, mapping) for d in (first, second))
         center = 0.5 * (a + b).mean(axis=0)
         covariance = (a - center).T @ (b - center) / max(1, count - 1)
         covariance = 0.5 * (covariance + covariance.T)
         signal = np.maximum(covariance.diagonal(), 0.0)
         power, vectors = np.linalg.eigh(covariance)
-        least = float(np.median(drawn.exposed[drawn.exposed > 0])) if drawn.exposed.any() else 1.0
+        least = float(np.median(rest.exposed[rest.exposed > 0])) if rest.exposed.any() else 1.0
         keep = min(_FEW_BASIS if least < 4 else _MORE_BASIS, len(power)) if count >= _LEAST_TEXTURES else 0
         power, vectors = power[::-1][:keep], vectors[:, ::-1][:, :keep]
         # A direction with less signal than the uncertainty of its own estimate would only add noise.
         floor = 1e-6 * max(float(signal.max()), 1e-12)
         power = np.maximum(power, floor)
-        rest = np.maximum(signal - (vectors**2) @ power, floor)
-        spread, weight = (x.reshape(count, -1).astype(np.float64) for x in (first.variance, first.exposed))
+        left = np.maximum(signal - (vectors**2) @ power, floor)
+        spread, weight = (_flat(x) for x in (first.rest.variance, first.rest.exposed))
         noise = float((spread * (weight > 1)).sum() / max(1.0, (weight > 1).sum()))
-        mean, weight = (x.reshape(count, -1).astype(np.float64) for x in (drawn.mean, drawn.exposed))
-        seen = weight > 0
-        together = float(
-            ((mean - a) * (mean - b) * seen).sum() / max((seen / np.maximum(weight, 1)).sum(), 1e-12)
-        )
-        gain = float(np.clip(together / max(noise, 1e-12), 0.02, 1.5)) if noise > 0 else 1.0
+        gain = _noise_gain(rest, a, b, np.full_like(a, noise))
+        sun_gain = 1.0
+        if first.sun is not None and second.sun is not None and drawn.sun is not None:
+            sun_a, sun_b = (_dilated(s, mapping) for s in (first.sun, second.sun))
+            sun_gain = _noise_gain(drawn.sun, sun_a, sun_b, _flat(drawn.sun.variance))
+            a, b = a + sun_a, b + sun_b
         angles = texel_solid_angles(mapping, texels).ravel()
         raw = cls(
-            center, np.ascontiguousarray(vectors.T), power, rest, noise, gain, np.ones(1), np.ones(1),
-            angles / angles.mean(), mapping,
+            center, np.ascontiguousarray(vectors.T), power, left, noise, gain, sun_gain, np.ones(1),
+            np.ones(1), angles / angles.mean(), mapping,
         )  # fmt: skip
         return raw._calibrated(a, b, drawn) if keep else raw
 
-    def _calibrated(self, a: Float, b: Float, drawn: Samples) -> TextureFilter:
+    def _calibrated(self, a: Float, b: Float, drawn: Drawn) -> TextureFilter:
         """Compare predicted errors with those found on the training set."""
         found, predicted = self.apply(drawn)
         estimate = found.reshape(a.shape).astype(np.float64)
-        weights = self.weights * (drawn.exposed.reshape(a.shape) > 0)
+        weights = self.weights * (_flat(drawn.rest.exposed) > 0)
         total = np.maximum(weights.sum(axis=1), 1e-9)
         actual = ((estimate - a) * (estimate - b) * weights).sum(axis=1) / total
         variance = predicted.astype(np.float64) ** 2
@@ -129,26 +123,32 @@ class TextureFilter:
         factors = np.array([actual[p].mean() for p in parts]) / np.maximum(bins, 1e-20)
         return replace(self, bins=bins, factors=np.clip(factors, 0.02, 50.0))
 
-    def apply(self, samples: Samples) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def apply(self, drawn: Drawn) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return filtered (K, T, T) luminance and (K,) the standard error expected of an exposed texel.
 
         Texels with no exposed sample are predicted from the others. Every texture is treated alone: what it becomes
         does not depend on its batch.
         """
+        found, variance = self._filtered(drawn.rest)
+        if drawn.sun is not None:
+            found += dilate(drawn.sun.mean, drawn.sun.exposed > 0, self.mapping)
+            variance += np.float32(self.sun_gain) * standard_error(drawn.sun, self.mapping) ** 2
         if len(self.power) == 0:
-            return dilate(samples.mean, samples.exposed > 0, self.mapping), standard_error(
-                samples, self.mapping
-            )
-        shape = samples.mean.shape
-        flat = [np.ascontiguousarray(x).reshape(shape[0], -1) for x in samples]
-        found, variance = (
-            np.empty((shape[0], shape[1] * shape[2]), np.float32),
-            np.empty(shape[0], np.float32),
-        )
-        filter_textures(self._packed, *flat, found, variance)
+            return found, np.sqrt(variance)
         variance = np.maximum(variance, 1e-20)
         factors = np.interp(np.log(variance), np.log(np.maximum(self.bins, 1e-20)), self.factors)
-        return found.reshape(shape), np.asarray(np.sqrt(variance * factors), dtype=np.float32)
+        return found, np.asarray(np.sqrt(variance * factors), dtype=np.float32)
+
+    def _filtered(self, samples: Samples) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        if len(self.power) == 0:
+            plain = dilate(samples.mean, samples.exposed > 0, self.mapping)
+            return plain, standard_error(samples, self.mapping) ** 2
+        shape = samples.mean.shape
+        flat = [np.ascontiguousarray(x).reshape(shape[0], -1) for x in samples]
+        found = np.empty((shape[0], shape[1] * shape[2]), np.float32)
+        variance = np.empty(shape[0], np.float32)
+        filter_textures(self._packed, *flat, found, variance)
+        return found.reshape(shape), variance
 
     @cached_property
     def _packed(self) -> Learned:
@@ -159,6 +159,24 @@ class TextureFilter:
             single(self.mean), single(self.basis.T), single(self.power), single(self.rest), single(self.weights),
             np.float32(self.noise), np.float32(self.gain), np.float32(_PRIOR_TEXELS),
         )  # fmt: skip
+
+
+def _flat(textures: NDArray[Any]) -> Float:
+    return textures.reshape(len(textures), -1).astype(np.float64)
+
+
+def _dilated(samples: Samples, mapping: Mapping) -> Float:
+    return _flat(dilate(samples.mean, samples.exposed > 0, mapping))
+
+
+def _noise_gain(samples: Samples, a: Float, b: Float, variance: Float) -> float:
+    """Noise of samples against two independent estimates, over that of as many independent samples of that variance."""
+    mean, count = _flat(samples.mean), _flat(samples.exposed)
+    seen = count > 0
+    expected = float((variance * seen / np.maximum(count, 1)).sum())
+    if expected <= 0:
+        return 1.0
+    return float(np.clip(((mean - a) * (mean - b) * seen).sum() / expected, 0.02, 1.5))
 
 
 def standard_error(samples: Samples, mapping: Mapping) -> NDArray[np.float32]:

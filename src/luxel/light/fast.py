@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
@@ -11,21 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.gather import gather_texels
 from luxel.kernels.path import LAMBERTIAN, World
-from luxel.kernels.rays import RayTable
-from luxel.kernels.texels import sample_texels
-from luxel.light.denoise import Samples, TextureFilter
-from luxel.light.mapping import Mapping, mapping_code
-from luxel.light.ray_sets import make_ray_table, texel_frames
+from luxel.light.denoise import TextureFilter
+from luxel.light.mapping import Mapping
 from luxel.light.records import RecordBook
+from luxel.light.sampling import Drawn, RaySets, Samples, draw_paths, draw_rays
 
-__all__ = ["FastLight", "draw_paths"]
+__all__ = ["FastLight"]
 
 _BATCH_COUNT = 32
 # The filter learns from this many lit textures, sampled at least so well.
 _TRAINING_COUNT = 512
-_TRAINING_SAMPLES = 4
+_TRAINING_SAMPLES = 9
+# Samples of sunlight a texel: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
+_SUN_SAMPLES, _MORE_SUN_SAMPLES = 16, 64
 _TRAINING_SETS = 16
 _TRAINING_CANDIDATES = 16_384
 _TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
@@ -34,14 +33,6 @@ _LIT = 0.02  # of the luminance scale
 _DARK = 0.002
 # Independent drawings of one texture.
 _DRAWN, _FIRST, _SECOND = 0, 1, 2
-
-
-def draw_paths(world: World, mapping: Mapping, texels: int, samples: int, ids: NDArray[np.int32]) -> Samples:
-    """Path-traced samples of textures, to the letter of the paper."""
-    found = _empty(len(ids), texels)
-    frames = texel_frames(mapping, texels)
-    sample_texels(world, mapping_code(mapping), ids, round(samples**0.5), frames, *found)
-    return found
 
 
 class FastLight:
@@ -61,7 +52,7 @@ class FastLight:
         self._world, self._scale, self._seed = world, scale, seed
         self._mapping, self._texels, self._samples = mapping, texels, samples
         self._lock = threading.Lock()
-        self._tables: dict[tuple[int, int], RayTable] = {}
+        self._sets: dict[tuple[int, int], RaySets] = {}
         self._book = RecordBook(world)
         self._filter: TextureFilter | None = None
 
@@ -77,7 +68,8 @@ class FastLight:
             return learned.apply(self._draw(ids, self._samples, _DRAWN))
         luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
         error = np.empty(len(ids), np.float32)
-        glimpse = self._draw(ids[dark], 1, _DRAWN).mean
+        seen, sun = self._draw(ids[dark], 1, _DRAWN)
+        glimpse = seen.mean if sun is None else seen.mean + sun.mean
         black = glimpse.mean(axis=(1, 2)) < _DARK * self._scale
         still = np.flatnonzero(dark)[black]
         luminance[still], error[still] = glimpse[black], _DARK * self._scale
@@ -99,28 +91,31 @@ class FastLight:
         """Whose record saw no light."""
         return np.asarray(~self._book.first_light(ids).any(axis=1))
 
-    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int) -> Samples:
+    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int) -> Drawn:
         world = self._drawn(drawing)
         if self._by_paths:
-            return draw_paths(world, self._mapping, self._texels, samples, ids)
-        found = _empty(len(ids), self._texels)
-        gather_texels(world, self._table(samples, drawing), ids, *found)
-        return found
+            return Drawn(draw_paths(world, self._mapping, self._texels, samples, ids), None)
+        return draw_rays(world, self._ray_sets(samples, drawing), ids)
 
     @property
     def _by_paths(self) -> bool:
         """Whether samples are drawn as in ``paper`` mode: unshadowed light knows no rays to share."""
         return self._world.model == LAMBERTIAN
 
-    def _table(self, samples: int, drawing: int) -> RayTable:
-        # Made again by two threads at once, a table comes out the same.
+    def _ray_sets(self, samples: int, drawing: int) -> RaySets:
+        # Made again by two threads at once, sets come out the same.
         key = (samples, drawing)
-        if key not in self._tables:
-            shape = (self._texels, self._texels)
-            suns, seed = self._world.lights.suns, self._seed + drawing
-            sets = _TRAINING_SETS if drawing else None
-            self._tables[key] = make_ray_table(self._mapping, shape, samples, suns, seed=seed, sets=sets)
-        return self._tables[key]
+        if key not in self._sets:
+            self._sets[key] = RaySets.make(
+                self._mapping,
+                (self._texels, self._texels),
+                samples,
+                self._world.lights.suns,
+                sun_samples=_SUN_SAMPLES if samples <= _SUN_SAMPLES else _MORE_SUN_SAMPLES,
+                seed=self._seed + drawing,
+                sets=_TRAINING_SETS if drawing else None,
+            )
+        return self._sets[key]
 
     def _learned(self, threads: int) -> TextureFilter:
         with self._lock:
@@ -144,9 +139,10 @@ class FastLight:
         chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
         well = max(_TRAINING_SAMPLES, min(self._samples, 4 * _TRAINING_SAMPLES))
 
-        def drawn(samples: int, drawing: int) -> Samples:
+        def drawn(samples: int, drawing: int) -> Drawn:
             parts = in_batches(partial(self._draw, samples=samples, drawing=drawing), chosen, threads)
-            return Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+            rest, sun = zip(*parts, strict=True)
+            return Drawn(_joined(rest), None if sun[0] is None else _joined(sun))
 
         return TextureFilter.learn(
             drawn(well, _FIRST), drawn(well, _SECOND), drawn(self._samples, _DRAWN), self._mapping
@@ -164,6 +160,5 @@ def in_batches(work: Callable[[NDArray[np.int32]], Any], ids: NDArray[np.int32],
         return list(pool.map(work, parts))
 
 
-def _empty(count: int, texels: int) -> Samples:
-    shape = (count, texels, texels)
-    return Samples(np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint32))
+def _joined(parts: Sequence[Samples]) -> Samples:
+    return Samples(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))

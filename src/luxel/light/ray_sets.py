@@ -17,9 +17,10 @@ from luxel.kernels import mapping as maps
 from luxel.kernels.near import RAY
 from luxel.kernels.rays import RayTable
 from luxel.kernels.simd import LANES
+from luxel.kernels.sunlight import SunTable
 from luxel.light.mapping import Mapping, mapping_code, square_directions
 
-__all__ = ["make_ray_table", "texel_frames", "texel_middles"]
+__all__ = ["make_ray_table", "make_sun_table", "texel_frames", "texel_middles"]
 
 Float = NDArray[np.float64]
 
@@ -54,51 +55,76 @@ def texel_middles(rows: int, columns: int) -> Float:
 
 
 def make_ray_table(
-    mapping: Mapping,
-    shape: tuple[int, int],
-    samples: int,
-    suns: NDArray[np.float32],
-    *,
-    seed: int = 0,
-    sets: int | None = None,
+    mapping: Mapping, shape: tuple[int, int], samples: int, *, seed: int = 0, sets: int | None = None
 ) -> RayTable:
-    """Make ray sets with `samples` (a square number) starts a texel, and as many directions towards each sun's disc.
+    """Make ray sets with `samples` (a square number) starts a texel and directions about the normal, cosine-weighted.
 
-    `shape` is rows and columns of the map, `suns` is (S, 6) as in ``kernels.light.Lights``; `sets` defaults to as many as fit a cache.
+    `shape` is rows and columns of the map; `sets` defaults to as many as fit a cache.
     """
-    grid = round(samples**0.5)
-    count = shape[0] * shape[1] * samples
-    blocks = -(-count // LANES)
-    each = 4 * blocks * RAY * (1 + len(suns))
-    sets = sets or int(np.clip(_TABLE_BYTES // each, _FEWEST_SETS, _MOST_SETS))
-    row, column = _morton_cells(shape, grid)
-    texel = np.full(blocks * LANES, -1, np.int32)
-    texel[:count] = (row // grid) * shape[1] + column // grid
-    rays = np.empty((sets, blocks * RAY), np.float32)
-    sun_rays = np.empty((len(suns), sets, blocks * RAY), np.float32)
-    starts = np.empty((sets, blocks * LANES, 3))
-    index = np.arange(blocks * LANES)
+    layout = _Layout(mapping, shape, samples)
+    sets = sets or int(np.clip(_TABLE_BYTES // layout.set_bytes, _FEWEST_SETS, _MOST_SETS))
+    rays = np.empty((sets, layout.blocks * RAY), np.float32)
+    starts = np.empty((sets, layout.blocks * LANES, 3))
     for k in range(sets):
         rng = np.random.default_rng((seed, k, *shape, samples))
-        jitter = rng.random((2, len(row)))
-        u, v = (column + jitter[0]) / (shape[1] * grid), (row + jitter[1]) / (shape[0] * grid)
-        start = _points(mapping, u, v)
-        start = np.concatenate([start, np.repeat(start[-1:], blocks * LANES - count, axis=0)])
-        starts[k] = start
-        s, t = _scrambled_sobol(index, rng)
+        starts[k] = layout.starts(rng)
+        s, t = _scrambled_sobol(layout.index, rng)
         height, turn = 1 - 2 * s, 2 * np.pi * t
         ring = np.sqrt(np.maximum(0.0, 1 - height * height))
         # A normal plus a uniform point of the unit sphere has the density cosθ/π.
-        direction = start + np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=-1)
+        direction = starts[k] + np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=-1)
         direction /= np.maximum(np.linalg.norm(direction, axis=-1, keepdims=True), 1e-9)
-        rays[k] = _pack(start, direction)
+        rays[k] = _pack(starts[k], direction)
+    return RayTable(rays, layout.texel, layout.patches(starts), layout.width)
+
+
+def make_sun_table(
+    mapping: Mapping, shape: tuple[int, int], samples: int, suns: NDArray[np.float32], *, seed: int = 0
+) -> SunTable:
+    """As :func:`make_ray_table`, directions towards the disc of each sun; `suns` is (S, 6) as in ``kernels.light.Lights``."""
+    layout = _Layout(mapping, shape, samples)
+    rays = np.empty((len(suns), _FEWEST_SETS, layout.blocks * RAY), np.float32)
+    starts = np.zeros((_FEWEST_SETS, layout.blocks * LANES, 3))
+    for k in range(_FEWEST_SETS if len(suns) else 0):
+        rng = np.random.default_rng((seed, k, *shape, samples, 1))
+        starts[k] = layout.starts(rng)
         for q, sun in enumerate(suns):
-            s, t = _scrambled_sobol(index, rng)
-            sun_rays[q, k] = _pack(start, _disc(sun.astype(np.float64), s, t))
-    width = _PATCH_RAYS // LANES
-    spans = [slice(b * LANES, min(b + width, blocks) * LANES) for b in range(0, blocks, width)]
-    patches = np.array([_frame(starts[:, span].reshape(-1, 3)) for span in spans], np.float32)
-    return RayTable(rays, sun_rays, texel, patches, width)
+            s, t = _scrambled_sobol(layout.index, rng)
+            rays[q, k] = _pack(starts[k], _disc(sun.astype(np.float64), s, t))
+    whole = samples % LANES == 0
+    return SunTable(rays, layout.texel, layout.patches(starts), layout.width, whole)
+
+
+class _Layout:
+    """Where the starts of a set lie, and in which order."""
+
+    def __init__(self, mapping: Mapping, shape: tuple[int, int], samples: int) -> None:
+        self._mapping, self._shape = mapping, shape
+        self._grid = round(samples**0.5)
+        self._row, self._column = _morton_cells(shape, self._grid)
+        count = len(self._row)
+        self.blocks = -(-count // LANES)
+        self.index = np.arange(self.blocks * LANES)
+        self.width = _PATCH_RAYS // LANES
+        self.set_bytes = 4 * self.blocks * RAY
+        self.texel = np.full(self.blocks * LANES, -1, np.int32)
+        self.texel[:count] = (self._row // self._grid) * shape[1] + self._column // self._grid
+
+    def starts(self, rng: np.random.Generator) -> Float:
+        """(blocks * 16, 3) jittered starts, one in every cell."""
+        jitter = rng.random((2, len(self._row)))
+        u = (self._column + jitter[0]) / (self._shape[1] * self._grid)
+        v = (self._row + jitter[1]) / (self._shape[0] * self._grid)
+        found = _points(self._mapping, u, v)
+        return np.concatenate([found, np.repeat(found[-1:], len(self.index) - len(found), axis=0)])
+
+    def patches(self, starts: Float) -> NDArray[np.float32]:
+        """(patches, 4) middle of the starts of each patch, over all sets, and the largest chord from it."""
+        spans = [
+            slice(b * LANES, min(b + self.width, self.blocks) * LANES)
+            for b in range(0, self.blocks, self.width)
+        ]
+        return np.array([_frame(starts[:, span].reshape(-1, 3)) for span in spans], np.float32)
 
 
 def _points(mapping: Mapping, u: Float, v: Float) -> Float:

@@ -7,10 +7,9 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.gather import gather_texels
 from luxel.kernels.path import World
-from luxel.kernels.rays import RayTable
-from luxel.light.ray_sets import make_ray_table, texel_middles
+from luxel.light.ray_sets import texel_middles
+from luxel.light.sampling import RaySets, draw_rays
 
 __all__ = ["RecordBook"]
 
@@ -28,7 +27,7 @@ class RecordBook:
     def __init__(self, world: World) -> None:
         count = len(world.radii)
         self._world = world
-        self._table: RayTable | None = None
+        self._sets: RaySets | None = None
         self._lock = threading.Lock()
         self._known = np.zeros(count, np.bool_)
         self._records = np.zeros((count, 4), np.float32)
@@ -37,23 +36,23 @@ class RecordBook:
         """Return (K, 4) float32: luminance towards unit normal n is about max(0, c0 + c1 nx + c2 ny + c3 nz), c0 >= 0."""
         with self._lock:
             missing = ids[~self._known[ids]]
-            if self._table is None:
+            if self._sets is None:
                 suns = self._world.lights.suns
-                self._table = make_ray_table("latlong", (_ROWS, _COLUMNS), 1, suns, sets=_SETS)
+                self._sets = RaySets.make("latlong", (_ROWS, _COLUMNS), 1, suns, sun_samples=1, sets=_SETS)
+            sets = self._sets
         if len(missing):
-            made = self._make(missing)
+            made = self._make(missing, sets)
             with self._lock:
                 self._records[missing] = made
                 self._known[missing] = True
         return self._records[ids]
 
-    def _make(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
+    def _make(self, ids: NDArray[np.int32], sets: RaySets) -> NDArray[np.float32]:
         """Fit c0 + c·n to a ray from every cell that is not buried, by damped least squares."""
-        shape = (len(ids), _ROWS, _COLUMNS)
-        mean, exposed = np.empty(shape, np.float32), np.empty(shape, np.uint32)
-        gather_texels(self._world, self._table, ids, mean, np.empty(shape, np.float32), exposed)
+        drawn = draw_rays(self._world, sets, ids)
+        mean = drawn.rest.mean if drawn.sun is None else drawn.rest.mean + drawn.sun.mean
         basis = np.concatenate([np.ones((_ROWS * _COLUMNS, 1)), texel_middles(_ROWS, _COLUMNS)], axis=1)
-        seen = exposed.reshape(len(ids), -1).astype(np.float64)
+        seen = drawn.rest.exposed.reshape(len(ids), -1).astype(np.float64)
         # Stacked products and solves run one record at a time inside: the same bits whatever the batch.
         matrix = (basis.T * seen[:, None, :]) @ basis
         matrix[:, range(1, 4), range(1, 4)] += _DOUBT

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from luxel.arrays import as_ids
 from luxel.light.denoise import standard_error
-from luxel.light.fast import FastLight, draw_paths
+from luxel.light.fast import FastLight
 from luxel.light.lights import luminance_scale
 from luxel.light.mapping import Mapping
+from luxel.light.sampling import draw_paths
 from luxel.light.world import make_world
 from luxel.scene.scene import Scene
 from luxel.textures.spec import Mode, TextureSpec, light_key
