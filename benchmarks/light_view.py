@@ -12,9 +12,11 @@ import luxel
 from benchmarks.light_scenes import DataSet
 from benchmarks.light_speed import Rows
 from benchmarks.scenes import plate_camera
+from luxel.light.fast import in_batches
 from luxel.picture.raytrace import render, visible_ids
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
+from luxel.trace.tree import thread_count
 
 _DEFAULT_SAMPLES = 4  # of render
 _VIEWS = 5
@@ -51,22 +53,8 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
     luxel.bake(scene, ids[:32], samples=1, mode="fast")  # nothing is compiled under the clock
 
     start = perf_counter()
-    baker = Baker(scene, TextureSpec(mode="fast", samples=1))
-    baker.prepare()
-    prepare_s = perf_counter() - start
-    start = perf_counter()
-    if first_light := getattr(baker, "first_light", None):
-        first_light(ids)
-        estimate_s, how = perf_counter() - start, "coarse records"
-    else:
-        estimate_s, how = _bake_s(baker, ids, patience_s)
-        how = f"fast, 1 sample a texel, {how}"
-    row(
-        "first estimate of all that is visible",
-        prepare_s + estimate_s,
-        "s",
-        f"{prepare_s:.2f} s preparation; {how}",
-    )
+    in_batches(Baker(scene, TextureSpec(mode="fast")).first_light, ids, thread_count(None))
+    row("first estimate of all that is visible", perf_counter() - start, "s", "coarse records, nothing prepared")
 
     start = perf_counter()
     baker = Baker(scene, TextureSpec(mode="fast", samples=_DEFAULT_SAMPLES))

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.warp import turn
+from luxel.kernels.simd import LANES, load, store
+from luxel.kernels.warp import turn, turns
 
 __all__ = [
     "LATLONG",
@@ -18,6 +19,7 @@ __all__ = [
     "point_directions",
     "square_directions",
     "texel_direction",
+    "texel_directions",
     "texel_neighbours",
     "texel_uv",
     "wrapped",
@@ -95,6 +97,20 @@ def texel_direction(mapping, u, v):
     if mapping == OCTAHEDRAL:
         return _octahedral_direction(u, v)
     return _latlong_direction(u, v)
+
+
+@kernel
+def texel_directions(mapping, rays, o):
+    """Turn sixteen points of the square, u at word `o` of `rays` and v sixteen words later, into directions there."""
+    if mapping == LATLONG:
+        x, y = turns(load(rays, o))
+        z, s = turns(_HALF * load(rays, o + LANES))
+        store(rays, o, s * x)
+        store(rays, o + LANES, s * y)
+        store(rays, o + 2 * LANES, z)
+        return
+    for q in range(o, o + LANES):
+        rays[q], rays[q + LANES], rays[q + 2 * LANES] = texel_direction(mapping, rays[q], rays[q + LANES])
 
 
 @kernel(inline=True)

@@ -14,7 +14,7 @@ from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, su
 from luxel.kernels.near import RAY, collect, nearest, unblocked
 from luxel.kernels.periodic import HERE, LOST, follow, image_of, shadowed, surroundings
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
-from luxel.kernels.simd import FAR, LANES, trailing_zeros
+from luxel.kernels.simd import FAR, LANES, store, trailing_zeros
 from luxel.kernels.tree_trace import MISS
 
 __all__ = [
@@ -26,7 +26,7 @@ __all__ = [
     "first_hits",
     "hit_point",
     "neighbours",
-    "put_ray",
+    "put_rays",
     "ray_start",
     "ray_word",
     "set_of",
@@ -70,11 +70,16 @@ def set_of(world, particle, sets):
 
 
 @kernel(inline=True, borrows=True)
-def put_ray(rays, o, ax, ay, az, dx, dy, dz):
-    """Write a ray at word `o`."""
-    rays[o], rays[o + LANES], rays[o + 2 * LANES] = ax, ay, az
-    rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES] = dx, dy, dz
-    rays[o + 6 * LANES] = ax * dx + ay * dy + az * dz
+def put_rays(rays, o, ax, ay, az, direction):
+    """Write a block of sixteen rays at word `o`."""
+    dx, dy, dz = direction
+    store(rays, o, ax)
+    store(rays, o + LANES, ay)
+    store(rays, o + 2 * LANES, az)
+    store(rays, o + 3 * LANES, dx)
+    store(rays, o + 4 * LANES, dy)
+    store(rays, o + 5 * LANES, dz)
+    store(rays, o + 6 * LANES, ax * dx + ay * dy + az * dz)
 
 
 @kernel(inline=True, borrows=True)

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.light import area_light, sun_direction
-from luxel.kernels.mapping import texel_direction
+from luxel.kernels.light import area_light
+from luxel.kernels.mapping import texel_directions
 from luxel.kernels.near import RAY, near_scratch, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at
 from luxel.kernels.periodic import HERE, LOST
@@ -20,16 +20,16 @@ from luxel.kernels.rays import (
     first_hits,
     hit_point,
     neighbours,
-    put_ray,
+    put_rays,
     ray_start,
     ray_word,
     sky_along,
     within_reach,
 )
 from luxel.kernels.rng import PURPOSE_TEXEL, next_state, path_key, uniform
-from luxel.kernels.simd import FAR, LANES
+from luxel.kernels.simd import FAR, LANES, load
 from luxel.kernels.tree_trace import scratch
-from luxel.kernels.warp import cosine_direction
+from luxel.kernels.warp import cone_directions, cosine_directions
 from luxel.kernels.waves import add_path, follow_paths, wave_scratch
 
 __all__ = ["sample_texels"]
@@ -42,22 +42,32 @@ def _draw(world, mapping, sphere, texel, texels, grid, rays, sun_rays, states):
     """Draw a texel's first rays and those towards every sun, numbers as in ``path.luminance_at``."""
     row, column = texel // texels, texel % texels
     step = _ONE / np.float32(texels * grid)
-    for s in range(grid * grid):
-        state = path_key(world.seed, sphere, texel, s, PURPOSE_TEXEL)
-        ju, jv = uniform(state)
-        u = (np.float32(column * grid + s % grid) + ju) * step
-        v = (np.float32(row * grid + s // grid) + jv) * step
-        ax, ay, az = texel_direction(mapping, u, v)
-        states[s] = state
-        state = next_state(state)
+    suns = world.lights.suns
+    count = grid * grid
+    for s in range((count + LANES - 1) // LANES * LANES):
+        sample = min(s, count - 1)
+        state = path_key(world.seed, sphere, texel, sample, PURPOSE_TEXEL)
+        if s < count:
+            states[s] = state
+        o = ray_word(s)
         u, v = uniform(state)
-        dx, dy, dz = cosine_direction(ax, ay, az, u, v)
-        put_ray(rays, ray_word(s), ax, ay, az, dx, dy, dz)
-        for q in range(world.lights.suns.shape[0]):
+        rays[o] = (np.float32(column * grid + sample % grid) + u) * step
+        rays[o + LANES] = (np.float32(row * grid + sample // grid) + v) * step
+        state = next_state(state)
+        rays[o + 3 * LANES], rays[o + 4 * LANES] = uniform(state)
+        for q in range(suns.shape[0]):
             state = next_state(state)
-            u, v = uniform(state)
-            dx, dy, dz = sun_direction(world.lights, q, u, v)
-            put_ray(sun_rays[q], ray_word(s), ax, ay, az, dx, dy, dz)
+            sun_rays[q, o + 3 * LANES], sun_rays[q, o + 4 * LANES] = uniform(state)
+    for block in range((count + LANES - 1) // LANES):
+        o = block * RAY
+        texel_directions(mapping, rays, o)
+        ax, ay, az = load(rays, o), load(rays, o + LANES), load(rays, o + 2 * LANES)
+        u, v = load(rays, o + 3 * LANES), load(rays, o + 4 * LANES)
+        put_rays(rays, o, ax, ay, az, cosine_directions(ax, ay, az, u, v))
+        for q in range(suns.shape[0]):
+            u, v = load(sun_rays[q], o + 3 * LANES), load(sun_rays[q], o + 4 * LANES)
+            s = suns[q]
+            put_rays(sun_rays[q], o, ax, ay, az, cone_directions(s[0], s[1], s[2], s[5], u, v))
 
 
 @kernel

@@ -35,7 +35,7 @@ from luxel.kernels.simd import (
     vsqrt,
 )
 from luxel.kernels.tree_trace import MISS, occluded, trace
-from luxel.kernels.warp import cosine_direction
+from luxel.kernels.warp import cosine_directions
 
 __all__ = ["Waves", "add_path", "follow_paths", "wave_scratch"]
 
@@ -57,7 +57,9 @@ class Waves(NamedTuple):
     skip: np.ndarray  # (16,) int32 spheres that rays leave
     t: np.ndarray  # (16,) float32 distance in radii
     hit: np.ndarray  # (16,) int32 index of a neighbour, -1 for none, _SELF
-    normal: np.ndarray  # (16, 3) float32
+    normal: np.ndarray  # (3 * 16,) float32
+    center: np.ndarray  # (4 * 16,) float32 x, y, z, r of the spheres that rays leave
+    random: np.ndarray  # (2 * 16,) float32
     next_point: np.ndarray  # (16, 3) float32 where rays meet something
     next_sphere: np.ndarray  # (16,) int32 what
 
@@ -73,7 +75,8 @@ def wave_scratch(paths):
         np.zeros(paths, np.float32), np.zeros(paths, np.float32), np.zeros(paths, np.uint64),
         np.zeros((paths, 3), np.float32), np.zeros(3 * LANES, np.float32), np.zeros(3 * LANES, np.float32),
         np.zeros(LANES, np.int32), np.zeros(LANES, np.float32), np.zeros(LANES, np.int32),
-        np.zeros((LANES, 3), np.float32), np.zeros((LANES, 3), np.float32), np.zeros(LANES, np.int32),
+        np.zeros(3 * LANES, np.float32), np.zeros(4 * LANES, np.float32), np.zeros(2 * LANES, np.float32),
+        np.zeros((LANES, 3), np.float32), np.zeros(LANES, np.int32),
     )  # fmt: skip
 
 
@@ -190,6 +193,11 @@ def _first_hit(world, work, near, site, waves, k, lane):
     return t * site.r, site.sphere if hit == _SELF else near.id[hit]
 
 
+@kernel(inline=True, borrows=True)
+def _normal(waves, lane):
+    return waves.normal[lane], waves.normal[LANES + lane], waves.normal[2 * LANES + lane]
+
+
 @kernel(borrows=True)
 def _sunlight(world, work, near, known, site, waves, first, count, alive, sun):
     """Add the light of a sun at the points of those of sixteen paths that are `alive`."""
@@ -200,8 +208,8 @@ def _sunlight(world, work, near, known, site, waves, first, count, alive, sun):
         u, v = uniform(waves.state[k])
         dx, dy, dz = sun_direction(world.lights, sun, u, v)
         waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane] = dx, dy, dz
-        n = waves.normal[lane]
-        waves.t[lane] = n[0] * dx + n[1] * dy + n[2] * dz
+        nx, ny, nz = _normal(waves, lane)
+        waves.t[lane] = nx * dx + ny * dy + nz * dz
         if alive >> lane & 1 and waves.t[lane] > 0:
             open_ |= 1 << lane
     inside = 0
@@ -251,42 +259,50 @@ def _roulette(world, waves, count, bounce, values):
 
 
 @kernel(borrows=True)
-def _aim(world, site, waves, k, lane):
-    """Put path k on its sphere, and its next ray into `lane` of the block."""
-    sphere = waves.sphere[k]
-    cx, cy, cz, r = (
-        world.centers[sphere, 0],
-        world.centers[sphere, 1],
-        world.centers[sphere, 2],
-        world.radii[sphere],
-    )
-    x, y, z = waves.point[k, 0] - cx, waves.point[k, 1] - cy, waves.point[k, 2] - cz
-    scale = _ONE / np.sqrt(x * x + y * y + z * z)
-    x, y, z = x * scale, y * scale, z * scale
-    waves.normal[lane, 0], waves.normal[lane, 1], waves.normal[lane, 2] = x, y, z
-    waves.point[k, 0], waves.point[k, 1], waves.point[k, 2] = cx + r * x, cy + r * y, cz + r * z
-    waves.state[k] = next_state(waves.state[k])
-    u, v = uniform(waves.state[k])
-    dx, dy, dz = cosine_direction(x, y, z, u, v)
-    inverse = _ONE / site.r
+def _aim(world, site, waves, first, count):
+    """Put sixteen paths on their spheres, and their next rays into the block."""
+    center, random = waves.center, waves.random
+    for lane in range(LANES):
+        k = first + min(lane, count - 1)  # what an earlier block has left must not slow this one down
+        sphere = waves.sphere[k]
+        waves.skip[lane] = sphere
+        center[lane], center[3 * LANES + lane] = world.centers[sphere, 0], world.radii[sphere]
+        center[LANES + lane], center[2 * LANES + lane] = world.centers[sphere, 1], world.centers[sphere, 2]
+        for c in range(3):
+            waves.start[c * LANES + lane] = waves.point[k, c]
+        if lane < count:
+            waves.state[k] = next_state(waves.state[k])
+        random[lane], random[LANES + lane] = uniform(waves.state[k])
+    cx, cy, cz = load(center, 0), load(center, LANES), load(center, 2 * LANES)
+    r = load(center, 3 * LANES)
+    x, y, z = load(waves.start, 0) - cx, load(waves.start, LANES) - cy, load(waves.start, 2 * LANES) - cz
+    scale = splat(_ONE) / vsqrt(fma(x, x, fma(y, y, z * z)))
+    nx, ny, nz = x * scale, y * scale, z * scale
+    dx, dy, dz = cosine_directions(nx, ny, nz, load(random, 0), load(random, LANES))
+    store(waves.direction, 0, dx)
+    store(waves.direction, LANES, dy)
+    store(waves.direction, 2 * LANES, dz)
+    store(waves.normal, 0, nx)
+    store(waves.normal, LANES, ny)
+    store(waves.normal, 2 * LANES, nz)
     # By way of the difference of centres: points of a giant far from its own centre keep their digits.
-    waves.start[lane] = ((cx - site.x) + r * x) * inverse
-    waves.start[LANES + lane] = ((cy - site.y) + r * y) * inverse
-    waves.start[2 * LANES + lane] = ((cz - site.z) + r * z) * inverse
-    waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane] = dx, dy, dz
-    waves.skip[lane] = sphere
+    inverse = splat(_ONE / site.r)
+    store(waves.start, 0, fma(r, nx, cx - site.x) * inverse)
+    store(waves.start, LANES, fma(r, ny, cy - site.y) * inverse)
+    store(waves.start, 2 * LANES, fma(r, nz, cz - site.z) * inverse)
+    store(center, 0, fma(r, nx, cx))
+    store(center, LANES, fma(r, ny, cy))
+    store(center, 2 * LANES, fma(r, nz, cz))
+    for lane in range(count):
+        for c in range(3):
+            waves.point[first + lane, c] = center[c * LANES + lane]
 
 
 @kernel(borrows=True)
 def _bounce(world, work, near, known, site, waves, first, count):
     """One bounce of sixteen paths: their light at this point, and where they go; returns who goes on."""
     next_point, next_sphere = waves.next_point, waves.next_sphere
-    for lane in range(count):
-        _aim(world, site, waves, first + lane, lane)
-    for lane in range(count, LANES):  # what an earlier block has left there must not slow this one down
-        for c in range(0, 3 * LANES, LANES):
-            waves.start[c + lane], waves.direction[c + lane] = waves.start[c], waves.direction[c]
-        waves.skip[lane] = waves.skip[0]
+    _aim(world, site, waves, first, count)
     _nearest(near, known, site.sphere, waves)
     alive = on = 0
     for lane in range(count):
@@ -310,9 +326,9 @@ def _bounce(world, work, near, known, site, waves, first, count):
             if alive >> lane & 1:
                 k = first + lane
                 x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
-                n = waves.normal[lane]
+                nx, ny, nz = _normal(waves, lane)
                 light, waves.state[k] = area_light(
-                    world, work, True, x, y, z, HERE, n[0], n[1], n[2], waves.skip[lane], waves.state[k]
+                    world, work, True, x, y, z, HERE, nx, ny, nz, waves.skip[lane], waves.state[k]
                 )
                 waves.light[k] += waves.weight[k] * light
     return on

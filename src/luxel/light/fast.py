@@ -17,7 +17,7 @@ from luxel.light.mapping import Mapping
 from luxel.light.records import RecordBook
 from luxel.light.sampling import Drawn, RaySets, Samples, draw_paths, draw_rays
 
-__all__ = ["FastLight"]
+__all__ = ["FastLight", "in_batches"]
 
 _BATCH_COUNT = 32
 # The filter learns from this many lit textures, sampled at least so well.
