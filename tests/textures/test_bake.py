@@ -1,5 +1,7 @@
 """Baking: one answer whatever the batch, order or threads; errors; the filter of fast mode."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -140,3 +142,17 @@ def test_touching_lattice_has_nothing_buried():
 def test_more_samples_than_16_bits_count():
     scene = luxel.Scene(luxel.Particles([[0, 0, 0]], 1.0), (luxel.Sky(1.0),), model="lambertian")
     assert luxel.bake(scene, samples=65536, texels=4).luminance.min() == 1
+
+
+@pytest.mark.parametrize("mode", ["paper", "fast"])
+def test_an_interrupted_bake_leaves_nothing_behind(scene, mode):
+    before = threading.active_count()
+
+    def interrupt(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        luxel.bake(scene, samples=4, mode=mode, progress=interrupt, threads=2)
+    assert threading.active_count() == before
+    again = luxel.bake(scene, samples=4, mode=mode, threads=2)
+    assert np.array_equal(again.codes, luxel.bake(scene, samples=4, mode=mode, threads=1).codes)
