@@ -7,8 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.simd import LANES, fma, fnma, load, splat, store
 
-__all__ = ["Learned", "filter_textures"]
+__all__ = ["WIDTH", "Learned", "filter_textures"]
+
+#: Room for so many directions.
+WIDTH = 2 * LANES
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _TINY = np.float32(1e-12)
@@ -18,7 +22,10 @@ class Learned(NamedTuple):
     """What training taught; D texels, r directions."""
 
     mean: np.ndarray  # (D,) float32
-    basis: np.ndarray  # (D, r) float32
+    rows: np.ndarray  # (D * 32,) float32: the r directions at each texel, then zeros
+    columns: (
+        np.ndarray
+    )  # (r, E) float32: each direction's texels; E is D rounded up to whole blocks of sixteen
     power: np.ndarray  # (r,) float32, the signal's variance along each direction
     rest: np.ndarray  # (D,) float32, the signal's variance that the directions leave out
     weights: np.ndarray  # (D,) float32, solid angles, mean 1
@@ -27,27 +34,75 @@ class Learned(NamedTuple):
     prior: np.float32  # texels that `noise` is worth beside a texture's own estimate
 
 
-@kernel
-def _invert(matrix, inverse, size):
-    """Invert a symmetric positive definite matrix by Cholesky's L; `matrix` is overwritten."""
+@kernel(inline=True)
+def _subtract_row(matrix, i, factor, k):
+    """Row i minus factor times row k."""
+    a, b = i * WIDTH, k * WIDTH
+    scale = splat(factor)
+    store(matrix, a, fnma(scale, load(matrix, b), load(matrix, a)))
+    store(matrix, a + LANES, fnma(scale, load(matrix, b + LANES), load(matrix, a + LANES)))
+
+
+@kernel(inline=True)
+def _scale_row(matrix, i, factor):
+    o = i * WIDTH
+    store(matrix, o, splat(factor) * load(matrix, o))
+    store(matrix, o + LANES, splat(factor) * load(matrix, o + LANES))
+
+
+@kernel(borrows=True)
+def _factorise(matrix, size):
+    """Cholesky's U with Uᵀ U = matrix, in place above the diagonal; what is below it is lost."""
+    for k in range(size):
+        _scale_row(matrix, k, _ONE / np.sqrt(max(matrix[k * WIDTH + k], _TINY)))
+        for i in range(k + 1, size):
+            _subtract_row(matrix, i, matrix[k * WIDTH + i], k)
+
+
+@kernel(borrows=True)
+def _substitute(upper, right, size):
+    """Solve Uᵀ X = right for all columns at once, in place."""
     for i in range(size):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = np.sqrt(max(total, _TINY)) if i == j else total / matrix[j, j]
-    for column in range(size):
-        for i in range(column, size):  # L y = e
-            total = _ONE if i == column else _ZERO
-            for k in range(column, i):
-                total -= matrix[i, k] * inverse[k, column]
-            inverse[i, column] = total / matrix[i, i]
-    for column in range(size):
-        for i in range(size - 1, -1, -1):  # Lᵀ x = y; only the lower part is needed
-            total = inverse[i, column] if i >= column else _ZERO
-            for k in range(i + 1, size):
-                total -= matrix[k, i] * inverse[k, column]
-            inverse[i, column] = total / matrix[i, i]
+        for k in range(i):
+            _subtract_row(right, i, upper[k * WIDTH + i], k)
+        _scale_row(right, i, _ONE / upper[i * WIDTH + i])
+
+
+@kernel(borrows=True)
+def _complete(matrix, size):
+    """Copy the block that `_weighted_products` leaves out from its mirror image."""
+    for i in range(min(size, LANES)):
+        for j in range(LANES, WIDTH):
+            matrix[i * WIDTH + j] = matrix[j * WIDTH + i]
+
+
+@kernel(borrows=True)
+def _weighted_products(rows, weights, size, matrix):
+    """Write Σ weight · b bᵀ over texels, the lower part, into a matrix with rows of WIDTH; few rows at a time stay in registers."""
+    texels = weights.shape[0]
+    for i in range(0, min(size, LANES), 4):
+        a, b, c, d = splat(_ZERO), splat(_ZERO), splat(_ZERO), splat(_ZERO)
+        for t in range(texels):
+            o = t * WIDTH
+            low = splat(weights[t]) * load(rows, o)
+            a, b = fma(splat(rows[o + i]), low, a), fma(splat(rows[o + i + 1]), low, b)
+            c, d = fma(splat(rows[o + i + 2]), low, c), fma(splat(rows[o + i + 3]), low, d)
+        store(matrix, i * WIDTH, a)
+        store(matrix, (i + 1) * WIDTH, b)
+        store(matrix, (i + 2) * WIDTH, c)
+        store(matrix, (i + 3) * WIDTH, d)
+    for i in range(LANES, size, 2):
+        a, b, c, d = splat(_ZERO), splat(_ZERO), splat(_ZERO), splat(_ZERO)
+        for t in range(texels):
+            o = t * WIDTH
+            low, high = load(rows, o), load(rows, o + LANES)
+            first, second = splat(weights[t] * rows[o + i]), splat(weights[t] * rows[o + i + 1])
+            a, b = fma(first, low, a), fma(first, high, b)
+            c, d = fma(second, low, c), fma(second, high, d)
+        store(matrix, i * WIDTH, a)
+        store(matrix, i * WIDTH + LANES, b)
+        store(matrix, (i + 1) * WIDTH, c)
+        store(matrix, (i + 1) * WIDTH + LANES, d)
 
 
 @kernel
@@ -56,11 +111,13 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
 
     Texels with no exposed sample are predicted from the others, within the range of these.
     """
-    texels, size = learned.basis.shape
-    matrix, inner = np.zeros((size, size), np.float32), np.zeros((size, size), np.float32)
-    inverse = np.zeros((size, size), np.float32)
-    right, found = np.zeros(size, np.float32), np.zeros(size, np.float32)
-    gains = np.zeros(texels, np.float32)
+    texels, size = learned.mean.shape[0], learned.columns.shape[0]
+    rows, columns = learned.rows, learned.columns
+    matrix, inner = np.zeros(WIDTH * WIDTH, np.float32), np.zeros(WIDTH * WIDTH, np.float32)
+    half = np.zeros(WIDTH * WIDTH, np.float32)  # of the inverse: halfᵀ half
+    right, found = np.zeros(WIDTH, np.float32), np.zeros(WIDTH, np.float32)
+    weights, shares = np.zeros(texels, np.float32), np.zeros(texels, np.float32)
+    gains, smooth = np.zeros(texels, np.float32), np.zeros(columns.shape[1], np.float32)
     for n in range(mean.shape[0]):
         total, known = learned.prior * learned.noise, learned.prior
         any_seen = False
@@ -74,9 +131,9 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
             predicted[n] = _ZERO
             continue
         noise = max(learned.gain * total / known, _TINY)
-        matrix[:] = _ZERO
-        inner[:] = _ZERO
         right[:] = _ZERO
+        weights[:] = _ZERO
+        shares[:] = _ZERO
         area = left_out = _ZERO
         for t in range(texels):
             count = np.float32(exposed[n, t])
@@ -86,36 +143,43 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
             # What the directions cannot express counts as noise for them, and is kept texel by texel afterwards.
             spread = noise + count * learned.rest[t]
             gains[t] = count * learned.rest[t] / spread
-            b = learned.basis[t]
             weight = count / spread
             loss = _ONE - gains[t]
-            share = learned.weights[t] * loss * loss
-            value = weight * (mean[n, t] - learned.mean[t])
-            for i in range(size):
-                right[i] += value * b[i]
-                wb, sb = weight * b[i], share * b[i]
-                for j in range(size):
-                    matrix[i, j] += wb * b[j]
-                    inner[i, j] += sb * b[j]
+            value = splat(weight * (mean[n, t] - learned.mean[t]))
+            for c in range(0, WIDTH, LANES):
+                store(right, c, fma(value, load(rows, t * WIDTH + c), load(right, c)))
+            weights[t], shares[t] = weight, learned.weights[t] * loss * loss
             area += learned.weights[t]
             left_out += learned.weights[t] * learned.rest[t] * loss
+        _weighted_products(rows, weights, size, matrix)
+        _weighted_products(rows, shares, size, inner)
+        _complete(matrix, size)
+        _complete(inner, size)
+        half[:] = _ZERO
         for i in range(size):
-            matrix[i, i] += _ONE / learned.power[i]
-        _invert(matrix, inverse, size)
+            matrix[i * WIDTH + i] += _ONE / learned.power[i]
+            half[i * WIDTH + i] = _ONE
+        _factorise(matrix, size)
+        _substitute(matrix, half, size)
+        _substitute(matrix, inner, size)
+        found[:] = _ZERO
         error = left_out
         for i in range(size):
             value = _ZERO
             for j in range(size):
-                value += inverse[i, j] * right[j]
-                error += inverse[i, j] * inner[i, j]
-            found[i] = value
+                value += half[i * WIDTH + j] * right[j]
+                error += half[i * WIDTH + j] * inner[i * WIDTH + j]
+            for j in range(size):
+                found[j] += half[i * WIDTH + j] * value
         predicted[n] = error / area
+        for c in range(0, columns.shape[1], LANES):
+            estimates = splat(_ZERO)
+            for i in range(size):
+                estimates = fma(splat(found[i]), load(columns[i], c), estimates)
+            store(smooth, c, estimates)
         low, high = np.float32(3e38), _ZERO
         for t in range(texels):
-            estimate = learned.mean[t]
-            b = learned.basis[t]
-            for i in range(size):
-                estimate += b[i] * found[i]
+            estimate = learned.mean[t] + smooth[t]
             if exposed[n, t] > 0:
                 estimate = max(_ZERO, estimate + gains[t] * (mean[n, t] - estimate))
                 low, high = min(low, estimate), max(high, estimate)

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.filter import Learned, filter_textures
+from luxel.kernels.filter import WIDTH, Learned, filter_textures
+from luxel.kernels.simd import LANES
 from luxel.light.mapping import Mapping, texel_neighbours, texel_solid_angles
 from luxel.light.sampling import Drawn, Samples
 
@@ -155,9 +156,14 @@ class TextureFilter:
         def single(values: Float) -> NDArray[np.float32]:
             return np.ascontiguousarray(values, dtype=np.float32)
 
+        count, texels = self.basis.shape
+        rows = np.zeros((texels, WIDTH))
+        rows[:, :count] = self.basis.T
+        columns = np.zeros((count, -(-texels // LANES) * LANES))
+        columns[:, :texels] = self.basis
         return Learned(
-            single(self.mean), single(self.basis.T), single(self.power), single(self.rest), single(self.weights),
-            np.float32(self.noise), np.float32(self.gain), np.float32(_PRIOR_TEXELS),
+            single(self.mean), single(rows.ravel()), single(columns), single(self.power), single(self.rest),
+            single(self.weights), np.float32(self.noise), np.float32(self.gain), np.float32(_PRIOR_TEXELS),
         )  # fmt: skip
 
 
