@@ -292,6 +292,7 @@ def _load_json(path: str) -> Any:
 
 
 def number(text: str) -> float:
+    """Parse a finite number."""
     try:
         value = float(text)
     except ValueError:

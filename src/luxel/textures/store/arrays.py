@@ -23,7 +23,9 @@ from luxel.textures.store.files import write_file
 
 __all__ = ["ArrayFiles", "StoredArray", "reading", "write_array", "write_group"]
 
-_COMPRESSION_LEVEL = 1  # light is noise to a general compressor: higher levels take longer and gain a few per cent
+_COMPRESSION_LEVEL = (
+    1  # light is noise to a general compressor: higher levels take longer and gain a few per cent
+)
 _REMEDY = "it was damaged after luxel wrote it; take another copy, or bake again with --overwrite"
 
 
@@ -133,7 +135,9 @@ class StoredArray:
             self.chunk: int = self._array.chunks[0]
             self.attributes: dict[str, Any] = dict(self._array.attrs)
         if missing:
-            raise FormatError(path, f"{missing} of {count} chunks are missing", place=self._place, remedy=_REMEDY)
+            raise FormatError(
+                path, f"{missing} of {count} chunks are missing", place=self._place, remedy=_REMEDY
+            )
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
         """Return some rows; a FormatError names the chunks that are damaged."""

@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 
 import luxel
-from luxel.errors import FormatError, InputError, StorageError
+from luxel.errors import FormatError, FrameError, InputError, StorageError
 from luxel.particles import Particles
 from luxel.scene.lights import Light, Up
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
 from luxel.textures.store.arrays import write_group
-from luxel.textures.store.files import DRAFT_SUFFIX, LOCK_NAME, lock, remove_drafts, remove_tree
+from luxel.textures.store.files import LOCK_NAME, lock, remove_drafts, remove_tree
 from luxel.textures.store.layout import FORMAT, VERSION, BakeSettings, CodecChoice, differences
 from luxel.textures.store.reader import Baked, check_header, open_baked
 from luxel.textures.store.writer import FrameWriter, Progress, read_attributes
 
-__all__ = ["bake_to", "encode_to"]
+__all__ = ["bake_to", "chosen_frames", "encode_to"]
 
 _CHUNK = 4096  # particles: 1 MB of texels, and seconds of light
 
@@ -92,17 +92,25 @@ def bake_to(
     """
     spec = TextureSpec(samples=4, mode="fast") if spec is None else spec
     choice = CodecChoice(codec) if isinstance(codec, str) else codec
+    series: Sequence[Particles]
+    chosen: tuple[int, ...]
     if isinstance(target, Scene):
-        series, first = [target.particles], target
-        chosen = (0,)
+        series, first, chosen = [target.particles], target, (0,)
     else:
         series = [target] if isinstance(target, Particles) else target
-        chosen = _chosen(series, frames)
+        chosen = chosen_frames(series, frames)
         first = Scene(series[chosen[0]], lights, model, albedo, ao_distance, periodic)
     settings = BakeSettings.of(
-        first, spec, frames=chosen, up=up, codec=choice, chunk=chunk, keep_raw=keep_raw and choice.kind != "raw"
+        first,
+        spec,
+        frames=chosen,
+        up=up,
+        codec=choice,
+        chunk=chunk,
+        keep_raw=keep_raw and choice.kind != "raw",
     )
-    source = os.path.basename(str(getattr(target, "path", ""))) or "particles"
+    shown = str(getattr(target, "path", "particles"))  # a list of files is shown as "first … last"
+    source = " … ".join(os.path.basename(part.rstrip("/\\")) for part in shown.split(" … "))
     folder = Path(path)
     with _writing(folder, settings, source, overwrite):
         for k, index in enumerate(chosen):
@@ -236,13 +244,17 @@ def _header(settings: BakeSettings, source: str, *, complete: bool) -> dict[str,
     }
 
 
-def _chosen(series: Sequence[Particles], frames: Sequence[int] | None) -> tuple[int, ...]:
+def chosen_frames(series: Sequence[Particles], frames: Sequence[int] | None) -> tuple[int, ...]:
+    """Return the time steps to bake, counted from 0; None means the first that has particles."""
     if frames is None:
         finder = getattr(series, "first_frame", None)
         return (0 if finder is None else int(finder()),)
     if not len(frames):
         raise InputError(f"no frames to bake — there are {len(series)}, counted from 0")
-    return tuple(range(len(series))[frame] for frame in frames)
+    try:
+        return tuple(range(len(series))[frame] for frame in frames)
+    except IndexError:
+        raise FrameError(f"no such frames {list(frames)} — there are {len(series)}, counted from 0") from None
 
 
 def _frame_folder(folder: Path, k: int) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -33,12 +33,14 @@ FORMAT = "luxel baked textures"
 #: Of the store's layout; a reader refuses any other.
 VERSION = 1
 
+_PAPER_RATIO = 4.0  # figure 3
+
 _LIGHTS: dict[str, type[Light]] = {kind.__name__: kind for kind in (Sky, Sun, SphereLight, QuadLight)}
 
 
 @dataclass(frozen=True)
 class CodecChoice:
-    """Which codec a bake stores its textures with, and how hard that is to press; None leaves it to the codec.
+    """Which codec a bake stores its textures with, and how hard that is to press; if nothing is given, to a fourth.
 
     Parameters
     ----------
@@ -64,8 +66,12 @@ class CodecChoice:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name} must be a positive number, got {value!r}")
+        if self.kind != "raw" and not given:
+            object.__setattr__(self, "ratio", _PAPER_RATIO)
         if self.kind == "raw" and given:
-            raise InputError(f"codec raw keeps every texel: {', '.join(given)} needs another codec, such as vq")
+            raise InputError(
+                f"codec raw keeps every texel: {', '.join(given)} needs another codec, such as vq"
+            )
 
     @property
     def options(self) -> dict[str, Any]:
@@ -236,8 +242,3 @@ def _light_json(light: Light) -> dict[str, Any]:
 def _light(data: Mapping[str, Any]) -> Light:
     values = dict(data)
     return _LIGHTS[values.pop("kind")](**values)
-
-
-def frames_text(frames: Sequence[int]) -> str:
-    """Return how people read a list of frames: ``"0 … 9"``."""
-    return str(frames[0]) if len(frames) == 1 else f"{frames[0]} … {frames[-1]}"

@@ -162,6 +162,12 @@ class BakedFrame:
         In the store.
     source_frame
         In the series that was baked.
+    time
+        In the simulation's own unit, if known.
+    scalar_names
+        Of the particles.
+    fingerprint
+        Digests of what the particles hold.
     key
         The light key.
     count
@@ -186,7 +192,8 @@ class BakedFrame:
             self._group = baked._group[place]
             about = self._group.attrs["luxel"]
             self._particles_json: Mapping[str, Any] = about["particles"]
-            self._scalar_names: list[str] = list(about["scalars"])
+            self.time: float | None = about["particles"]["time"]
+            self.scalar_names: list[str] = list(about["scalars"])
             self._codec_json: Mapping[str, Any] = about["codec"]
             self.count = int(about["particles"]["count"])
             self.key = str(about["key"])
@@ -198,12 +205,17 @@ class BakedFrame:
             self.distortion: Mapping[str, float] = dict(about["distortion"])
             self.fingerprint: Mapping[str, str] = dict(about["fingerprint"])
 
+    @property
+    def settings(self) -> BakeSettings:
+        """All that the bake depended on but the particles."""
+        return self._baked.settings
+
     @cached_property
     def particles(self) -> Particles:
         """The particles, bit for bit as they were baked."""
         from luxel.textures.store.arrays import reading
 
-        scalars = {name: self._whole(f"scalars/{k:03d}") for k, name in enumerate(self._scalar_names)}
+        scalars = {name: self._whole(f"scalars/{k:03d}") for k, name in enumerate(self.scalar_names)}
         local, radii = self._whole("positions"), self._whole("radii")
         with reading(self._baked.path, self._group.path):
             return Particles.from_local(
@@ -213,7 +225,7 @@ class BakedFrame:
     @cached_property
     def scene(self) -> Scene:
         """The particles under the light that they were baked with."""
-        return self._baked.settings.scene(self.particles)
+        return self.settings.scene(self.particles)
 
     @cached_property
     def errors(self) -> NDArray[np.float32]:
@@ -243,7 +255,7 @@ class BakedFrame:
     @cached_property
     def textures(self) -> LuminanceTextures:
         """The textures of all particles, decompressed: (N, T, T) bytes."""
-        texels = self._baked.spec.texels
+        texels = self.settings.spec.texels
         codes = np.empty((self.count, texels, texels), np.uint8)
         for rows, block in self.blocks():
             codes[rows] = block
@@ -255,14 +267,14 @@ class BakedFrame:
             self.count,
             self.key,
             self.clipped_count,
-            self._baked.spec.mapping,
+            self.settings.spec.mapping,
             self.errors,
         )
 
     @property
     def has_raw(self) -> bool:
         """Whether the textures are here as they were before compression."""
-        return self._baked.settings.keep_raw or self._baked.settings.codec.kind == "raw"
+        return self.settings.keep_raw or self.settings.codec.kind == "raw"
 
     def original(self) -> StoredCodes:
         """Return the best codes that there are: raw ones if they were kept, else those that the codec gives back."""
@@ -300,7 +312,7 @@ class StoredCodes:
     """
 
     def __init__(self, frame: BakedFrame, *, raw: bool) -> None:
-        beside = raw and frame._baked.settings.codec.kind != "raw"
+        beside = raw and frame.settings.codec.kind != "raw"
         self._stored = frame.array("raw" if beside else "payload")
         self._codec = None if beside else frame.codec
 

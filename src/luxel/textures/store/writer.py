@@ -121,7 +121,9 @@ class FrameWriter:
                 )
             return about
         chunk = _ROWS
-        write_array(self.folder / "positions", particles.local, chunk, {"relative_to": particles.origin.tolist()})
+        write_array(
+            self.folder / "positions", particles.local, chunk, {"relative_to": particles.origin.tolist()}
+        )
         write_array(self.folder / "radii", particles.radii, chunk)
         write_group(self.folder / "scalars")
         for k, (name, values) in enumerate(particles.scalars.items()):
@@ -218,5 +220,7 @@ def read_attributes(folder: Path) -> Mapping[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(path, f"cannot be understood: {error}", remedy="add --overwrite to begin anew") from error
+        raise FormatError(
+            path, f"cannot be understood: {error}", remedy="add --overwrite to begin anew"
+        ) from error
     return attributes
