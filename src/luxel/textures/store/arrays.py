@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.storage import MemoryStore
 
-from luxel.errors import FormatError, LuxelError
+from luxel.errors import FormatError, InputError, LuxelError
 from luxel.textures.store.files import write_file
 
 __all__ = ["ArrayFiles", "StoredArray", "reading", "write_array", "write_group"]
@@ -68,7 +68,8 @@ class ArrayFiles:
             # A chunk of nothing but zeros must have a file, too: its file says that it is done.
             config={"write_empty_chunks": True},
         )
-        write_file(folder / "zarr.json", self._files["zarr.json"].to_bytes())
+        if not (folder / "zarr.json").exists():
+            write_file(folder / "zarr.json", self._files["zarr.json"].to_bytes())
 
     def rows(self, k: int) -> slice:
         """Return which rows chunk `k` holds."""
@@ -152,6 +153,8 @@ def reading(path: str, place: str = "") -> Iterator[None]:
     """Turn whatever Zarr raises on damaged files into a FormatError that names the store and the place in it."""
     try:
         yield
+    except InputError as error:  # from a value built from the store, such as its spec
+        raise FormatError(path, str(error), place=place, remedy=_REMEDY) from error
     except LuxelError:
         raise
     except KeyError as error:

@@ -217,6 +217,8 @@ def _begin(folder: Path, settings: BakeSettings, source: str, overwrite: bool) -
         compared = ("luxel", "settings")
         found = differences({n: header.get(n) for n in compared}, {n: given[n] for n in compared})
         if not found:
+            if not (folder / "frames" / "zarr.json").exists():
+                write_group(folder / "frames")
             return bool(header["complete"])
         if not overwrite:
             raise InputError(

@@ -229,8 +229,9 @@ def particles_options(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _digest(digest: Any, array: NDArray[Any]) -> None:
-    digest.update(f"{array.dtype.str} {array.shape}".encode())
-    digest.update(np.ascontiguousarray(array).data)
+    same = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))  # whatever the file's byte order
+    digest.update(f"{same.dtype.str} {same.shape}".encode())
+    digest.update(same.data)
 
 
 def _light_json(light: Light) -> dict[str, Any]:
