@@ -429,7 +429,7 @@ def test_no_command_is_an_error():
     assert "COMMAND" in done.stderr
 
 
-@pytest.mark.parametrize("name", [None, "info", "render", "view", "demo"])
+@pytest.mark.parametrize("name", [None, "info", "render", "view", "demo", "bake", "encode", "plan"])
 def test_help_loads_nothing_heavy(name):
     arguments = [*([name] if name else []), "--help"]
     code = (
