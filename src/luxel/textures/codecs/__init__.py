@@ -1,97 +1,104 @@
-"""Stand-in."""
+"""Codecs of luminance textures (paper 3.3): how a bake is stored in fewer bytes.
+
+>>> codec = train("cpca", bake.codes, ratio=16)
+>>> payload = codec.encode(bake.codes)
+>>> same = restore(codec.describe(), codec.shared)
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Codes = NDArray[np.uint8]
+from luxel.errors import InputError
+from luxel.textures.codecs.clustered import ClusteredPCACodec
+from luxel.textures.codecs.distortion import Distortion
+from luxel.textures.codecs.linear import PCACodec, SHCodec
+from luxel.textures.codecs.moments import IncrementalPCA
+from luxel.textures.codecs.protocol import Codec, Codes, Progress, gathered
+from luxel.textures.codecs.raw import RawCodec
+from luxel.textures.codecs.vq import VQCodec
+
+__all__ = [
+    "KINDS",
+    "ClusteredPCACodec",
+    "Codec",
+    "Distortion",
+    "IncrementalPCA",
+    "PCACodec",
+    "RawCodec",
+    "SHCodec",
+    "VQCodec",
+    "restore",
+    "train",
+]
+
+_CLASSES: dict[str, Any] = {
+    each.kind: each for each in (RawCodec, VQCodec, PCACodec, ClusteredPCACodec, SHCodec)
+}
+
+#: Names of all codecs.
+KINDS = tuple(_CLASSES)
 
 
-class Codec(Protocol):
-    """Codec."""
+def train(
+    kind: str, codes: Codes, *, seed: int = 0, progress: Progress | None = None, **targets: Any
+) -> Codec:
+    """Make a codec for a set of textures.
 
-    @property
-    def kind(self) -> str: ...
-    @property
-    def texels(self) -> int: ...
-    @property
-    def shared(self) -> dict[str, NDArray[Any]]: ...
-    @property
-    def payload_bytes(self) -> int: ...
-    @property
-    def shared_bytes(self) -> int: ...
-    def encode(self, codes: Codes) -> Codes: ...
-    def decode(self, payload: Codes) -> Codes: ...
-    def describe(self) -> dict[str, Any]: ...
+    Parameters
+    ----------
+    kind
+        ``"raw"``, ``"vq"``, ``"pca"``, ``"cpca"`` (clustered PCA: the least error at equal bytes) or ``"sh"``.
+    codes
+        (N, T, T) uint8, a memory map of it, or an iterable of blocks.
+    seed
+        Of what is drawn at random in training.
+    progress
+        Called as ``progress(done, total)``.
+    **targets
+        One of ``ratio`` (raw bytes over all bytes stored; all kinds), ``error`` (root mean squared, in codes; not
+        ``"sh"``), or the kind's own: ``codewords``, ``components``, ``payload_bytes``, ``degree``. ``"cpca"`` also takes
+        ``clusters``, ``"sh"`` ``mapping``, ``"vq"`` ``exact``. Those that are None count as not given.
 
-
-@dataclass(frozen=True, eq=False)
-class Raw:
-    """Raw."""
-
-    texels: int
-    kind: str = "raw"
-    shared: dict[str, NDArray[Any]] = field(default_factory=dict)
-    shared_bytes: int = 0
-
-    @property
-    def payload_bytes(self) -> int:
-        return self.texels**2
-
-    def encode(self, codes: Codes) -> Codes:
-        return codes.reshape(len(codes), -1)
-
-    def decode(self, payload: Codes) -> Codes:
-        return payload.reshape(len(payload), self.texels, self.texels)
-
-    def describe(self) -> dict[str, Any]:
-        return {"kind": "raw", "texels": self.texels}
-
-
-@dataclass(frozen=True, eq=False)
-class VQ:
-    """VQ."""
-
-    texels: int
-    shared: dict[str, NDArray[Any]]
-    kind: str = "vq"
-    payload_bytes: int = 2
-
-    @property
-    def shared_bytes(self) -> int:
-        return self.shared["codebook"].nbytes
-
-    def encode(self, codes: Codes) -> Codes:
-        book = self.shared["codebook"].astype(np.int64)
-        flat = codes.reshape(len(codes), -1).astype(np.int64)
-        d = (book**2).sum(1)[None] - 2 * flat @ book.T
-        return d.argmin(1).astype("<u2")[:, None].view(np.uint8)
-
-    def decode(self, payload: Codes) -> Codes:
-        ids = np.ascontiguousarray(payload).view("<u2")[:, 0]
-        return self.shared["codebook"][ids].reshape(-1, self.texels, self.texels)
-
-    def describe(self) -> dict[str, Any]:
-        return {"kind": "vq", "texels": self.texels}
+    Raises
+    ------
+    InputError
+        For an unknown kind or target, or a target that cannot be reached.
+    """
+    chosen = _class(kind)
+    given = {name: value for name, value in targets.items() if value is not None}
+    allowed: Callable[..., Any] | None = getattr(chosen, "train", None)
+    if allowed is None:
+        return RawCodec(int(gathered(codes).shape[1]))
+    names = allowed.__code__.co_varnames if hasattr(allowed, "__code__") else allowed.__func__.__code__.co_varnames  # type: ignore[attr-defined]
+    for name in given:
+        if name not in names:
+            raise InputError(f"{kind} codecs are not trained to {name!r}")
+    if "seed" in names:
+        given["seed"] = seed
+    made: Codec = allowed(codes, progress=progress, **given)
+    return made
 
 
-def restore(description: Mapping[str, Any], shared: Mapping[str, NDArray[Any]]) -> Codec:
-    """Restore."""
-    if description["kind"] == "raw":
-        return Raw(description["texels"])
-    return VQ(description["texels"], dict(shared))
+def restore(description: dict[str, Any], shared: dict[str, NDArray[Any]]) -> Codec:
+    """Rebuild a codec from its :meth:`~Codec.describe` and :attr:`~Codec.shared`, checking both.
+
+    Raises
+    ------
+    InputError
+        If something is missing, of a wrong type or shape, or contradicts the rest.
+    """
+    if not isinstance(description, dict):
+        raise InputError(f"a codec's description must be a dictionary, got {type(description).__name__}")
+    made: Codec = _class(description.get("kind")).restore(description, shared)
+    return made
 
 
-def train(kind: str, codes: Codes, *, seed: int = 0, progress: Any = None, **options: Any) -> Codec:
-    """Train."""
-    texels = codes.shape[1]
-    if kind == "raw":
-        return Raw(texels)
-    words = options.get("codewords") or max(1, len(codes) // 8)
-    flat = codes.reshape(len(codes), -1)
-    return VQ(texels, {"codebook": flat[:: max(1, len(codes) // words)][:words].copy()})
+def _class(kind: Any) -> Any:
+    if not isinstance(kind, str) or kind not in _CLASSES:
+        raise InputError(f"codec must be one of {', '.join(KINDS)}, got {kind!r}")
+    return _CLASSES[kind]
