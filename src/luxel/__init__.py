@@ -15,8 +15,10 @@ __version__ = "0.1.0"
 
 # Loaded on first use, so that `import luxel` stays fast: name -> module that defines it.
 _HOMES = {
+    "Baked": "luxel.textures.store.reader",
     "Camera": "luxel.scene.camera",
     "Cell": "luxel.particles",
+    "CodecChoice": "luxel.textures.store.layout",
     "LuminanceTextures": "luxel.textures.textures",
     "LuxelError": "luxel.errors",
     "Particles": "luxel.particles",
@@ -30,7 +32,10 @@ _HOMES = {
     "TextureSpec": "luxel.textures.spec",
     "View": "luxel.scene.view",
     "bake": "luxel.textures.bake",
+    "bake_to": "luxel.textures.store.bake",
+    "encode_to": "luxel.textures.store.bake",
     "open": "luxel.io",
+    "open_baked": "luxel.textures.store.reader",
     "render": "luxel.picture.raytrace",
     "texel_directions": "luxel.light.mapping",
     "texel_solid_angles": "luxel.light.mapping",

@@ -66,7 +66,9 @@ def as_vector(value: ArrayLike, what: str, *, unit: bool = False) -> NDArray[np.
         length = float(np.linalg.norm(vector))
         if length == 0.0:
             raise InputError(f"{what} must not be the zero vector")
-        vector = vector / length
+        # What is unit already stays bit for bit, so that a scene read back from a store keeps its key.
+        if abs(length - 1.0) > 4 * np.finfo(np.float64).eps:
+            vector = vector / length
     return vector
 
 

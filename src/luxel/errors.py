@@ -6,6 +6,7 @@ LuxelError
 ├── ScalarError           (KeyError)           a scalar that the particles do not have
 ├── MissingFileError      (FileNotFoundError)  no such file or directory
 ├── FormatError           (ValueError)         a file that cannot be understood
+├── StorageError          (OSError)            a place that cannot be written: full, forbidden, in use
 ├── MissingExtraError     (ImportError)        an optional reader that is not installed
 ├── SessionClosedError    (RuntimeError)       use of a session or engine after close()
 └── ProtocolError         (ValueError)         a bad message from a viewer's socket
@@ -28,6 +29,7 @@ __all__ = [
     "ProtocolError",
     "ScalarError",
     "SessionClosedError",
+    "StorageError",
 ]
 
 
@@ -81,6 +83,10 @@ class FormatError(LuxelError, ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (_rebuild, (type(self), self.args, self.__dict__))
+
+
+class StorageError(LuxelError, OSError):
+    """A place that cannot be written: the disk is full, permission is missing, or another process holds it."""
 
 
 class MissingExtraError(LuxelError, ImportError):

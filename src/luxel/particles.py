@@ -127,6 +127,25 @@ class Particles:
         for array in arrays:
             array.flags.writeable = False
 
+    @classmethod
+    def from_local(
+        cls, local: NDArray[np.float32], origin: ArrayLike, radii: ArrayLike, **options: Any
+    ) -> Particles:
+        """Return particles with exactly this `local` (N, 3) and `origin` (3,): what was stored comes back bit for bit.
+
+        Parameters
+        ----------
+        local, origin, radii
+            As the attributes.
+        **options
+            The other arguments of :class:`Particles`.
+        """
+        made = cls(local, radii, **options)
+        made.local = np.array(local, dtype=np.float32)
+        made.origin = as_vector(origin, "the particles' origin")
+        made.local.flags.writeable = made.origin.flags.writeable = False
+        return made
+
     def __len__(self) -> int:
         return len(self.local)
 

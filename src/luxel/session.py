@@ -16,13 +16,15 @@ from luxel.arrays import as_ids, as_vector
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.engine import Engine
 from luxel.dynamic.work import CoarseBatch, CoarseListener, Listener, TileBaker, TileBatch
-from luxel.errors import FrameError, SessionClosedError
+from luxel.errors import FormatError, FrameError, InputError, SessionClosedError
 from luxel.light.lights import luminance_scale
 from luxel.particles import Particles
 from luxel.scene.lights import Light
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec, light_key
+from luxel.textures.store.reader import Baked
+from luxel.textures.store.source import StoredBaker
 from luxel.textures.textures import Encoding, TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import thread_count
@@ -90,7 +92,9 @@ class Session:
     Parameters
     ----------
     series
-        A :class:`luxel.Series`, some `Particles`, or a `Scene`, which brings its own lights, model and albedo.
+        A :class:`luxel.Series`, some `Particles`, or a `Scene`, which brings its own lights, model and albedo. Or what
+        :func:`luxel.open_baked` opened: then the light is fixed, textures are read and not computed, and the
+        lights, model, albedo, ao_distance, periodic and spec are the store's.
     frame
         Which time step; None means the first with particles.
     lights, model, albedo, ao_distance, periodic
@@ -123,7 +127,7 @@ class Session:
 
     def __init__(
         self,
-        series: Series | Particles | Scene,
+        series: Series | Particles | Scene | Baked,
         *,
         frame: int | None = None,
         lights: Sequence[Light] | None = None,
@@ -138,6 +142,9 @@ class Session:
         clock: Callable[[], float] = time.monotonic,
         make_baker: MakeBaker | None = None,
     ) -> None:
+        self._baked = series if isinstance(series, Baked) else None
+        if self._baked is not None:
+            spec = self._baked.spec
         self.spec = TextureSpec(mode="fast", samples=4) if spec is None else spec
         self.view = view
         self._thread_count = 0 if threads == 0 else thread_count(threads)
@@ -150,6 +157,10 @@ class Session:
         if isinstance(series, Scene):
             self.series, scene = (series.particles,), series
             frame = self._check_frame(frame or 0)
+        elif isinstance(series, Baked):
+            self.series = series.series
+            frame = self._check_frame(frame or 0)
+            scene = series[frame].scene
         else:
             self.series = (series,) if isinstance(series, Particles) else series
             frame = self._check_frame(_first_frame(self.series) if frame is None else frame)
@@ -258,7 +269,16 @@ class Session:
         """Change the light; return the new light key. What is not given stays.
 
         Work queued under the old key is cancelled; its textures stay cached for when the change is undone.
+
+        Raises
+        ------
+        InputError
+            For anything that a scene does not take, and where the light is baked in.
         """
+        if self._baked is not None:
+            raise InputError(
+                f"the light of {self._baked.path} is baked in — bake again with another, or open the particle file"
+            )
         changes: dict[str, Any] = {"model": model, "lights": lights, "albedo": albedo}
         changes = {name: value for name, value in changes.items() if value is not None}
         if ao_distance is not ...:
@@ -341,11 +361,22 @@ class Session:
     def _light(self, frame: int, scene: Scene) -> _Lit:
         key = light_key(scene, self.spec)
         scale = luminance_scale(scene)
+        if self._baked is not None and self._baked[frame].scale != scale:
+            raise FormatError(
+                self._baked.path,
+                "was baked by a luxel that scales luminance otherwise",
+                remedy="bake it again",
+            )
         self._engine.select(
-            key, len(scene.particles), scale, self.spec.encoding, lambda: self._make_baker(scene, self.spec)
+            key, len(scene.particles), scale, self.spec.encoding, lambda: self._baker(frame, scene)
         )
         low, high = SphereSet.of(scene.particles).bounds()
         return _Lit(frame, scene, key, scale, float(np.linalg.norm(high - low)))
+
+    def _baker(self, frame: int, scene: Scene) -> TileBaker:
+        if self._baked is not None:
+            return StoredBaker(self._baked[frame])
+        return self._make_baker(scene, self.spec)
 
 
 class SessionTextures:

@@ -10,7 +10,7 @@ from PIL import Image as Pillow
 
 import luxel
 from luxel import Camera, Scene, Sky, Sun, View
-from luxel.app import cli, options
+from luxel.app import cli, options, talk
 from luxel.errors import LuxelError
 from luxel.light.mapping import Mapping
 from luxel.picture.image import Image
@@ -314,7 +314,7 @@ def test_cold_start_is_announced(file, tmp_path, rendered, monkeypatch, capsys):
 
 
 def test_progress_goes_to_stderr_and_only_for_long_work(capsys):
-    with cli._Progress() as progress:
+    with talk.Progress() as progress:
         progress(0, 10)
         progress(10, 10)
     assert capsys.readouterr() == ("", "")
@@ -429,7 +429,7 @@ def test_no_command_is_an_error():
     assert "COMMAND" in done.stderr
 
 
-@pytest.mark.parametrize("name", [None, "info", "render", "view", "demo"])
+@pytest.mark.parametrize("name", [None, "info", "render", "view", "demo", "bake", "encode", "plan"])
 def test_help_loads_nothing_heavy(name):
     arguments = [*([name] if name else []), "--help"]
     code = (

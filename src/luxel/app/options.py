@@ -20,9 +20,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "add_file_options",
+    "add_light_options",
     "add_scene_options",
     "build_lights",
     "build_view",
+    "fill_light",
+    "given_light",
+    "number",
     "positive_int",
     "protect_numbers",
 ]
@@ -32,6 +36,9 @@ MODELS = ("lambertian", "shadows", "ao", "interreflection")
 LIGHTS = ("texture", "pixel")
 MODES = ("fast", "paper")
 MAPPINGS = ("latlong", "octahedral")
+# Options of light are None unless they are given, so that they can be refused where the light is baked in.
+_LIGHT_DEFAULTS = {"model": "interreflection", "mode": "fast", "mapping": "latlong", "albedo": 0.7, "seed": 0}
+_LIGHT_OPTIONS = (*_LIGHT_DEFAULTS, "samples", "sun", "sky", "ao_distance", "periodic")
 _LARGEST_SIZE = 16_384
 _NUMBER = re.compile(r"-\.?\d")
 
@@ -62,20 +69,22 @@ def positive_int(text: str) -> int:
     return value
 
 
-def add_file_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says which particles: the file, the frame, the radius."""
+def add_file_options(parser: argparse.ArgumentParser, *, stores: bool = True) -> None:
+    """Add what says which particles: the file, the frame (where `stores` are files too), the radius."""
     parser.add_argument(
         "file",
         nargs="+",
         metavar="FILE",
-        help="a particle file, a Uintah directory, a pattern, or several files",
+        help="a particle file, a Uintah directory, a pattern, or several files"
+        + ("; or what luxel bake made" if stores else ""),
     )
-    parser.add_argument(
-        "--frame",
-        type=int,
-        metavar="K",
-        help="time step, counted from 0; -1 is the last (default: the first with particles)",
-    )
+    if stores:
+        parser.add_argument(
+            "--frame",
+            type=int,
+            metavar="K",
+            help="time step, counted from 0; -1 is the last (default: the first with particles)",
+        )
     parser.add_argument(
         "--radius",
         type=_radius,
@@ -86,10 +95,14 @@ def add_file_options(parser: argparse.ArgumentParser) -> None:
 
 def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
     """Add what says how particles are lit and looked at; None means "not given"."""
+    add_light_options(parser, samples=samples)
+    _add_view_options(parser)
+
+
+def add_light_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
+    """Add what says how particles are lit; None means "not given", see :func:`fill_light`."""
     light = parser.add_argument_group("light")
-    light.add_argument(
-        "--model", choices=MODELS, default="interreflection", help="shading model (default: interreflection)"
-    )
+    light.add_argument("--model", choices=MODELS, help="shading model (default: interreflection)")
     light.add_argument(
         "--samples",
         type=positive_int,
@@ -99,19 +112,16 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
     light.add_argument(
         "--mode",
         choices=MODES,
-        default="fast",
         help="fast filters the textures; paper follows the paper to the letter (default: fast)",
     )
     light.add_argument(
         "--mapping",
         choices=MAPPINGS,
-        default="latlong",
         help="from texels to directions: latitude-longitude as in the paper, or equal-area octahedral (default: latlong)",
     )
     light.add_argument(
         "--albedo",
-        type=_number,
-        default=0.7,
+        type=number,
         metavar="A",
         help="share of light that particles reflect, 0 to 1 (default: 0.7)",
     )
@@ -130,7 +140,7 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
     )
     light.add_argument(
         "--ao-distance",
-        type=_number,
+        type=number,
         metavar="D",
         help="for --model ao: what is farther does not occlude, in file units (default: no limit)",
     )
@@ -140,9 +150,11 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
         metavar="AXES",
         help="repeat the simulation cell for light along these of its vectors, such as xy; pictures show one cell (default: none)",
     )
-    light.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (default: 0)")
+    light.add_argument("--seed", type=int, metavar="N", help="of the random numbers (default: 0)")
     light.add_argument("--threads", type=positive_int, metavar="N", help="default: all processors")
 
+
+def _add_view_options(parser: argparse.ArgumentParser) -> None:
     look = parser.add_argument_group("view")
     look.add_argument(
         "--view", dest="view_file", metavar="VIEW.json", help="a saved view; other options override it"
@@ -154,21 +166,40 @@ def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
     look.add_argument(
         "--range",
         nargs=2,
-        type=_number,
+        type=number,
         metavar=("LO", "HI"),
         help="scalar values of the first and last colour (default: those of the data)",
     )
     look.add_argument("--log", action="store_true", default=None, help="logarithmic colour scale")
     look.add_argument("--background", metavar="C", help="colour: white, #17191d, 0.2 ...")
-    look.add_argument("--exposure", type=_number, metavar="E", help="brightness factor (default: 1)")
-    look.add_argument("--up", choices=("x", "y", "z"), help="axis that points up (default: z)")
+    look.add_argument("--exposure", type=number, metavar="E", help="brightness factor (default: 1)")
+    add_up_option(look)
     look.add_argument(
-        "--azimuth", type=_number, metavar="DEG", help="camera's direction around the up axis (default: -60)"
+        "--azimuth", type=number, metavar="DEG", help="camera's direction around the up axis (default: -60)"
     )
     look.add_argument(
-        "--elevation", type=_number, metavar="DEG", help="camera's height above the horizon (default: 25)"
+        "--elevation", type=number, metavar="DEG", help="camera's height above the horizon (default: 25)"
     )
     look.add_argument("--orthographic", action="store_true", help="parallel projection")
+
+
+def add_up_option(group: argparse._ActionsContainer) -> None:
+    """Add ``--up``, which turns the default lights and cameras."""
+    group.add_argument("--up", choices=("x", "y", "z"), help="axis that points up (default: z)")
+
+
+def given_light(options: argparse.Namespace) -> list[str]:
+    """Return the options of light that were given, as they are typed."""
+    return [
+        f"--{name.replace('_', '-')}" for name in _LIGHT_OPTIONS if getattr(options, name, None) is not None
+    ]
+
+
+def fill_light(options: argparse.Namespace) -> None:
+    """Set the options of light that were not given to their defaults, where these are not for others to choose."""
+    for name, value in _LIGHT_DEFAULTS.items():
+        if getattr(options, name) is None:
+            setattr(options, name, value)
 
 
 def picture_size(text: str) -> tuple[int, int]:
@@ -260,7 +291,8 @@ def _load_json(path: str) -> Any:
         raise InputError(f"{path}: cannot read it ({error.strerror})") from None
 
 
-def _number(text: str) -> float:
+def number(text: str) -> float:
+    """Parse a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -280,13 +312,13 @@ def _axes(text: str) -> str:
 
 
 def _radius(text: str) -> float | str:
-    return "auto" if text.strip() == "auto" else _number(text)
+    return "auto" if text.strip() == "auto" else number(text)
 
 
 def _numbers(least: int, most: int, example: str) -> Callable[[str], list[float]]:
     def parse(text: str) -> list[float]:
         try:
-            values = [_number(part) for part in text.split(",")]
+            values = [number(part) for part in text.split(",")]
         except argparse.ArgumentTypeError:
             values = []
         if not least <= len(values) <= most:

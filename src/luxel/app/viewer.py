@@ -23,6 +23,7 @@ from luxel.errors import InputError, LuxelError
 from luxel.kernels.jit import cold
 from luxel.scene.view import View
 from luxel.session import Session
+from luxel.textures.store.reader import Baked
 
 __all__ = ["Viewer", "view"]
 
@@ -126,7 +127,8 @@ def view(
     Parameters
     ----------
     target
-        A file or pattern, a `Series`, `Particles`, a `Scene`, or a `Session` that is already there.
+        A file or pattern, a `Series`, `Particles`, a `Scene`, baked textures or their path, or a `Session` that is
+        already there.
     view
         Camera, colours and tone to start with; overrides the session's.
     host, port
@@ -181,8 +183,13 @@ def view(
 def _make_session(target: Any, view: View | None, threads: int | None, options: dict[str, Any]) -> Session:
     if isinstance(target, str | os.PathLike):
         from luxel.io import open as open_series
+        from luxel.textures.store.reader import is_store, open_baked
 
-        target = open_series(target)
+        target = open_baked(target) if is_store(target) else open_series(target)
+    if isinstance(target, Baked) and options:
+        raise InputError(
+            f"{', '.join(options)}: the light of {target.path} is baked in — bake again with another, or leave these out"
+        )
     return Session(target, view=view, threads=threads, **options)
 
 

@@ -112,6 +112,8 @@ def find_reader(path: Path) -> Reader:
     for reader in unsure:
         if bare_suffix(path) in reader.suffixes:
             return reader
+    if (path / "zarr.json").exists():
+        raise FormatError(path, "is a Zarr store", remedy="luxel.open_baked opens what luxel bake made")
     if path.is_dir():
         raise FormatError(
             path,

@@ -73,6 +73,10 @@ class Series(Sequence[Particles]):
                 return k
         return 0
 
+    def particle_count(self, k: int) -> int | None:
+        """Return the number of particles in step `k`, or None where only decoding would tell."""
+        return self._files.particle_count(self._frames[k])
+
     def __len__(self) -> int:
         return len(self._frames)
 

@@ -1,0 +1,274 @@
+"""The commands that bake: ``luxel bake | encode | plan``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import time
+from typing import TYPE_CHECKING, Any
+
+from luxel.app.command import Command
+from luxel.app.options import (
+    add_file_options,
+    add_light_options,
+    add_up_option,
+    build_lights,
+    fill_light,
+    number,
+    positive_int,
+)
+from luxel.app.report import bytes_text, plan_table
+from luxel.app.talk import Progress, say, say_if_cold, say_if_dark
+from luxel.errors import InputError
+
+if TYPE_CHECKING:
+    from luxel.io import Series
+    from luxel.textures.spec import TextureSpec
+    from luxel.textures.store.layout import CodecChoice
+    from luxel.textures.store.reader import Baked
+
+__all__ = ["COMMANDS"]
+
+# Written out so that `luxel --help` imports nothing; a test holds them to the library's own.
+CODECS = ("raw", "vq", "pca", "cpca", "sh")
+_SAMPLES = {"fast": 4, "paper": 49}
+
+
+def _bake_options(parser: argparse.ArgumentParser) -> None:
+    add_file_options(parser, stores=False)
+    _add_output_options(parser)
+    _add_frames_option(parser)
+    parser.add_argument(
+        "--chunk",
+        type=positive_int,
+        default=4096,
+        metavar="N",
+        help="particles in a chunk, which is what an interruption loses at most (default: 4096)",
+    )
+    _add_codec_options(parser)
+    _add_light_options(parser)
+
+
+def _encode_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("store", metavar="IN.zarr", help="what luxel bake made")
+    _add_output_options(parser)
+    _add_codec_options(parser)
+
+
+def _plan_options(parser: argparse.ArgumentParser) -> None:
+    add_file_options(parser, stores=False)
+    _add_frames_option(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    _add_light_options(parser)
+
+
+def _add_output_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.zarr", help="the store to write")
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace a store that holds something else by now"
+    )
+
+
+def _add_frames_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--frames",
+        type=_frames,
+        metavar="A:B",
+        help="time steps from A up to B, which is left out; : is all (default: the first with particles)",
+    )
+
+
+def _add_codec_options(parser: argparse.ArgumentParser) -> None:
+    codec = parser.add_argument_group("codec")
+    codec.add_argument(
+        "--codec", choices=CODECS, default="raw", help="how textures are stored (default: raw)"
+    )
+    codec.add_argument(
+        "--ratio",
+        type=number,
+        metavar="R",
+        help="raw bytes over compressed ones (default: 4, as in the paper)",
+    )
+    codec.add_argument(
+        "--error", type=number, metavar="E", help="mean distortion to stay below, instead of a ratio"
+    )
+    codec.add_argument("--codewords", type=positive_int, metavar="N", help="size of the codebook, for vq")
+    codec.add_argument("--components", type=positive_int, metavar="N", help="size of the basis, for pca")
+    codec.add_argument("--keep-raw", action="store_true", help="keep raw textures beside compressed ones")
+
+
+def _add_light_options(parser: argparse.ArgumentParser) -> None:
+    add_light_options(parser, samples=" (default: 4, with --mode paper 49)")
+    add_up_option(parser)
+
+
+def _bake(options: argparse.Namespace) -> None:
+    from luxel.textures.store.bake import bake_to
+
+    spec, codec = _spec(options), _codec(options)
+    series, frames = _open(options)
+    say_if_dark(options)
+    say_if_cold()
+    _write(
+        options.output,
+        lambda report: bake_to(
+            options.output,
+            series,
+            frames=frames,
+            **_light(options),
+            up=options.up or "z",
+            spec=spec,
+            codec=codec,
+            keep_raw=options.keep_raw,
+            chunk=options.chunk,
+            overwrite=options.overwrite,
+            threads=options.threads,
+            progress=report,
+        ),
+    )
+
+
+def _encode(options: argparse.Namespace) -> None:
+    from luxel.textures.store.bake import encode_to
+    from luxel.textures.store.reader import open_baked
+
+    codec = _codec(options)
+    baked = open_baked(options.store)
+    if not all(frame.has_raw for frame in baked):
+        say(
+            f"note: {baked.path} kept no raw textures; what its codec {baked.settings.codec.kind} has lost stays lost"
+        )
+    _write(
+        options.output,
+        lambda report: encode_to(
+            options.output,
+            baked,
+            codec,
+            keep_raw=options.keep_raw,
+            overwrite=options.overwrite,
+            progress=report,
+        ),
+    )
+
+
+def _plan(options: argparse.Namespace) -> None:
+    from luxel.textures.store.plan import plan_bake
+
+    spec = _spec(options)
+    series, frames = _open(options)
+    say_if_dark(options)
+    say_if_cold()
+    found = plan_bake(series, frames=frames, **_light(options), spec=spec, threads=options.threads).to_json()
+    print(json.dumps(found, indent=2) if options.json else plan_table(series.path, found))
+
+
+def _write(output: str, work: Any) -> None:
+    """Run `work` with progress bars, and say what has come of it."""
+    started = time.perf_counter()
+    bars: dict[str, Progress] = {}
+
+    def report(stage: str, done: int, total: int) -> None:
+        if stage not in bars:
+            for bar in bars.values():
+                bar.close()
+            bars[stage] = Progress(stage)
+        bars[stage](done, total)
+        if done == total:
+            bars.pop(stage).close()
+            worked.append(stage)
+
+    worked: list[str] = []
+    try:
+        baked: Baked = work(report)
+    except KeyboardInterrupt:
+        lit = bars.get("lighting")
+        for bar in bars.values():
+            bar.close()
+        far = f" after {lit.done:,} of {lit.total:,} particles" if lit is not None and lit.total else ""
+        say(f"stopped{far}; finished chunks are kept in {output} — run the same command again to go on")
+        raise
+    finally:
+        for bar in bars.values():
+            bar.close()
+    count = sum(frame.count for frame in baked)
+    stored = sum(frame.count * frame.payload_bytes + frame.shared_bytes for frame in baked)
+    took = f"{time.perf_counter() - started:.1f} s" if worked else "complete already, nothing to do"
+    print(f"{output}: {count:,} textures, {baked.settings.codec.kind}, {bytes_text(stored)}; {took}")
+
+
+def _open(options: argparse.Namespace) -> tuple[Series, list[int] | None]:
+    import luxel.io
+    from luxel.textures.store.reader import is_store
+
+    files = options.file
+    if len(files) == 1 and is_store(files[0]):
+        raise InputError(
+            f"{files[0]}: is baked already — luxel encode gives it another codec; bake the particle file for other light"
+        )
+    series = luxel.io.open(files[0] if len(files) == 1 else files, radius=options.radius)
+    if options.frames is None:
+        frame = series.first_frame()
+        if frame:
+            say(f"note: frames before {frame} hold no particles; this bakes frame {frame}")
+        return series, None
+    frames = list(range(len(series))[options.frames])
+    if not frames:
+        raise InputError(
+            f"--frames: {series.path} has frames 0..{len(series) - 1}, none of them is in that range"
+        )
+    return series, frames
+
+
+def _light(options: argparse.Namespace) -> dict[str, Any]:
+    return {
+        "lights": build_lights(options, options.up or "z"),
+        "model": options.model,
+        "albedo": options.albedo,
+        "ao_distance": options.ao_distance,
+        "periodic": options.periodic or "",
+    }
+
+
+def _spec(options: argparse.Namespace) -> TextureSpec:
+    from luxel.textures.spec import TextureSpec
+
+    fill_light(options)
+    samples = _SAMPLES[options.mode] if options.samples is None else options.samples
+    return TextureSpec(samples=samples, mode=options.mode, seed=options.seed, mapping=options.mapping)
+
+
+def _codec(options: argparse.Namespace) -> CodecChoice:
+    from luxel.textures.store.layout import CodecChoice
+
+    return CodecChoice(options.codec, options.ratio, options.error, options.codewords, options.components)
+
+
+def _frames(text: str) -> slice:
+    match = re.fullmatch(r"\s*(-?\d*)\s*(?:(:)\s*(-?\d*)\s*(?::\s*(\d*)\s*)?)?", text)
+    if not match or match[1] == "-" or match[3] == "-" or not (match[1] or match[2]) or match[4] == "0":
+        raise argparse.ArgumentTypeError(
+            f"expected A:B, A:B:STEP or one frame, such as 0:10, got {text.strip()!r}"
+        )
+    first, last, step = (int(part) if part else None for part in (match[1], match[3], match[4]))
+    if match[2]:
+        return slice(first, last, step)
+    assert first is not None
+    return slice(first, first + 1 or None)
+
+
+COMMANDS = (
+    Command(
+        "bake",
+        "bake the textures of all particles into a store; interrupted, it goes on later",
+        _bake_options,
+        _bake,
+    ),
+    Command(
+        "encode",
+        "store baked textures under another codec, without computing light",
+        _encode_options,
+        _encode,
+    ),
+    Command("plan", "say what a bake will cost in bytes and time, before it is begun", _plan_options, _plan),
+)

@@ -1,0 +1,356 @@
+"""The commands that look: ``luxel info | render | view | demo``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from typing import TYPE_CHECKING, Any
+
+from luxel.app.command import Command
+from luxel.app.options import (
+    LIGHTS,
+    SunOption,
+    add_file_options,
+    add_scene_options,
+    aim,
+    build_lights,
+    build_view,
+    fill_light,
+    given_light,
+    picture_size,
+    positive_int,
+)
+from luxel.app.talk import Progress, say, say_if_cold, say_if_dark
+from luxel.errors import InputError
+
+if TYPE_CHECKING:
+    from luxel.io import Series
+    from luxel.particles import Particles
+    from luxel.scene.scene import Scene
+    from luxel.scene.view import View
+    from luxel.session import Session
+    from luxel.textures.spec import TextureSpec
+    from luxel.textures.store.reader import Baked
+    from luxel.textures.textures import LuminanceTextures
+
+__all__ = ["COMMANDS", "open_series", "texture_spec"]
+
+
+def _info_options(parser: argparse.ArgumentParser) -> None:
+    add_file_options(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _render_options(parser: argparse.ArgumentParser) -> None:
+    add_file_options(parser)
+    _add_picture_options(parser, "-o", "--output", required=True)
+    parser.add_argument(
+        "--light",
+        choices=LIGHTS,
+        default="texture",
+        help="light from luminance textures, or traced anew for every pixel (default: texture)",
+    )
+    parser.add_argument("--json", action="store_true", help="print what was drawn as JSON")
+    add_scene_options(parser, samples=" (default: 4), or a pixel with --light pixel (default: 64)")
+
+
+def _view_options(parser: argparse.ArgumentParser) -> None:
+    add_file_options(parser)
+    _add_server_options(parser)
+    add_scene_options(parser, samples=" (default: 4)")
+
+
+def _demo_options(parser: argparse.ArgumentParser) -> None:
+    _add_picture_options(parser, "--render")
+    _add_server_options(parser)
+    parser.set_defaults(light="texture", json=False)
+    add_scene_options(parser, samples=" (default: 1)")
+
+
+def _add_picture_options(parser: argparse.ArgumentParser, *flags: str, required: bool = False) -> None:
+    parser.add_argument(
+        *flags,
+        dest="output",
+        required=required,
+        metavar="OUT.png",
+        help="the picture to write: .png, .jpg, .webp, .tif or .bmp",
+    )
+    parser.add_argument(
+        "--size",
+        type=picture_size,
+        default=(1280, 720),
+        metavar="WxH",
+        help="of the picture in pixels (default: 1280x720)",
+    )
+    parser.add_argument(
+        "--antialias",
+        type=positive_int,
+        default=3,
+        metavar="N",
+        help="rays along each side of a pixel (default: 3)",
+    )
+    parser.add_argument(
+        "--no-colorbar", dest="colorbar", action="store_false", help="leave out the colour bar"
+    )
+
+
+def _add_server_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="address to serve at (default: 127.0.0.1, this machine only)"
+    )
+    parser.add_argument("--port", type=int, default=0, help="default: any free one")
+    parser.add_argument("--no-browser", dest="browser", action="store_false", help="only print the URL")
+
+
+def _info(options: argparse.Namespace) -> None:
+    baked = _open_if_baked(options)
+    if baked is not None:
+        from luxel.app.report import store_table
+        from luxel.textures.store.info import describe_baked
+
+        found = describe_baked(baked)
+        table = store_table
+    else:
+        from luxel.app.report import file_table as table
+        from luxel.io import describe
+
+        series, frame = open_series(options)
+        found = describe(series, frame)
+    print(json.dumps(found, ensure_ascii=False, indent=2) if options.json else table(found))
+
+
+def _render(options: argparse.Namespace) -> None:
+    from luxel.picture.image import check_output
+
+    check_output(options.output)  # before minutes of work
+    baked = _open_if_baked(options)
+    if baked is not None:
+        view = build_view(options, _stored_view(baked))
+        frame = baked[options.frame or 0]
+        origin = {"file": baked.path, "frame": frame.index}
+        _draw(options, frame.scene, view, origin, frame.textures)
+    else:
+        fill_light(options)
+        view = build_view(options)
+        series, k = open_series(options)
+        _draw(options, _scene(options, series[k], view), view, {"file": series.path, "frame": k})
+
+
+def _view(options: argparse.Namespace) -> None:
+    baked = _open_if_baked(options)
+    if baked is not None:
+        from luxel.session import Session
+
+        view = build_view(options, _stored_view(baked))
+        frame = baked[options.frame or 0]
+        view = _ready(options, view, frame.particles)
+        _serve(options, Session(baked, frame=frame.index, view=view, threads=options.threads), view)
+    else:
+        fill_light(options)
+        view = build_view(options)
+        series, k = open_series(options)
+        _serve_light(options, series, k, view, series[k])
+
+
+def _demo(options: argparse.Namespace) -> None:
+    from luxel.data import demo_particles, demo_view
+    from luxel.picture.image import check_output
+
+    fill_light(options)
+    view = build_view(options, demo_view())
+    if options.sun is None:
+        options.sun = [SunOption(155.0, 32.0)]  # to the left of the preset's camera
+    if options.samples is None:
+        options.samples = 1  # a good picture of this data set, and nobody wants to wait for a first one
+    particles = demo_particles()
+    if options.output is None:
+        _serve_light(options, particles, None, view, particles)
+    else:
+        check_output(options.output)
+        _draw(options, _scene(options, particles, view), view, {"file": "demo", "frame": 0})
+
+
+def open_series(options: argparse.Namespace) -> tuple[Series, int]:
+    """Open the files and choose the frame."""
+    import luxel.io
+
+    files = options.file
+    series = luxel.io.open(files[0] if len(files) == 1 else files, radius=options.radius)
+    if options.frame is not None:
+        series[options.frame]  # a frame that is not there is an error now
+        return series, options.frame % len(series)
+    frame = series.first_frame()
+    if frame:
+        say(
+            f"note: the first {frame} frame{'s hold' if frame > 1 else ' holds'} no particles; this is frame {frame}"
+        )
+    return series, frame
+
+
+def _open_if_baked(options: argparse.Namespace) -> Baked | None:
+    """Open a store of baked textures, and refuse what would change its light; None for particle files."""
+    from luxel.textures.store.reader import is_store, open_baked
+
+    stores = [file for file in options.file if is_store(file)]
+    if not stores:
+        return None
+    if len(options.file) > 1:
+        raise InputError(
+            f"{stores[0]}: baked textures are looked at alone — give one store, or particle files"
+        )
+    baked = open_baked(stores[0])
+    refused = given_light(options)
+    if getattr(options, "light", "texture") != "texture":
+        refused.append("--light")
+    if options.radius is not None:
+        refused.append("--radius")
+    if refused:
+        raise InputError(
+            f"{', '.join(refused)}: the light of {baked.path} is baked in"
+            " — leave these out, or bake the particle file again with them"
+        )
+    return baked
+
+
+def _stored_view(baked: Baked) -> View:
+    from luxel.scene.view import View
+
+    return View(up=baked.settings.up)
+
+
+def _draw(
+    options: argparse.Namespace,
+    scene: Scene,
+    view: View,
+    origin: dict[str, Any],
+    textures: LuminanceTextures | None = None,
+) -> None:
+    from luxel.picture.raytrace import render
+
+    started = time.perf_counter()
+    particles = scene.particles
+    lit: dict[str, Any] = {"textures": textures}
+    if textures is None:
+        if options.light == "texture":  # refuses bad values before the work
+            texture_spec(options)
+        say_if_dark(options)
+        names = ("light", "samples", "mode", "mapping", "seed")
+        lit = {name: getattr(options, name) for name in names}
+    view = _ready(options, view, particles, options.size)
+    with Progress() as progress:
+        image = render(
+            scene,
+            view,
+            size=options.size,
+            antialias=options.antialias,
+            threads=options.threads,
+            colorbar=options.colorbar,
+            progress=progress,
+            **lit,
+        )
+    image.save(options.output)
+    taken = time.perf_counter() - started
+    if options.json:
+        print(
+            json.dumps(
+                {
+                    "output": options.output,
+                    "size": list(image.size),
+                    **origin,
+                    "particles": len(particles),
+                    "model": scene.model,
+                    "light": options.light,
+                    "seconds": round(taken, 3),
+                    "view": view.with_changes(camera=view.camera_for(particles, options.size)).to_json(),
+                },
+                ensure_ascii=False,
+                indent=2,
+            )
+        )
+    else:
+        print(
+            f"{options.output}: {image.size[0]}x{image.size[1]}, {len(particles):,} particles, {taken:.1f} s"
+        )
+
+
+def _serve_light(
+    options: argparse.Namespace,
+    target: Series | Particles,
+    frame: int | None,
+    view: View,
+    particles: Particles,
+) -> None:
+    from luxel.session import Session
+
+    spec = texture_spec(options)
+    view = _ready(options, view, particles)
+    session = Session(
+        target,
+        frame=frame,
+        lights=build_lights(options, view.up),
+        model=options.model,
+        albedo=options.albedo,
+        ao_distance=options.ao_distance,
+        periodic=options.periodic or "",
+        spec=spec,
+        view=view,
+        threads=options.threads,
+    )
+    say_if_dark(options)
+    _serve(options, session, view)
+
+
+def _serve(options: argparse.Namespace, session: Session, view: View) -> None:
+    from luxel.app.viewer import view as serve
+
+    with session:
+        serve(
+            session,
+            view,
+            host=options.host,
+            port=options.port,
+            open_browser=options.browser,
+            block=True,
+            announce=lambda url: print(url, flush=True),
+        )
+
+
+def _ready(
+    options: argparse.Namespace, view: View, particles: Particles, size: tuple[int, int] = (16, 9)
+) -> View:
+    """Return the view with its camera, checked; kernels are compiled before anybody waits for light."""
+    view = aim(options, view, particles, size)
+    if view.color_by is not None:
+        view.scalar_range(particles)
+    say_if_cold()
+    return view
+
+
+def _scene(options: argparse.Namespace, particles: Particles, view: View) -> Scene:
+    from luxel.scene.scene import Scene
+
+    return Scene(
+        particles,
+        lights=build_lights(options, view.up),
+        model=options.model,
+        albedo=options.albedo,
+        ao_distance=options.ao_distance,
+        periodic=options.periodic or "",
+    )
+
+
+def texture_spec(options: argparse.Namespace) -> TextureSpec:
+    """Return how textures are to be made."""
+    from luxel.textures.spec import TextureSpec
+
+    samples = 4 if options.samples is None else options.samples
+    return TextureSpec(samples=samples, mode=options.mode, seed=options.seed, mapping=options.mapping)
+
+
+COMMANDS = (
+    Command("info", "say what a file holds", _info_options, _info),
+    Command("render", "draw a picture", _render_options, _render),
+    Command("view", "look at particles in the browser", _view_options, _view),
+    Command("demo", "look at the data set that comes with luxel", _demo_options, _demo),
+)

@@ -1,0 +1,185 @@
+"""Texels out of stored records: the four that a bilinear lookup reads, whatever the codec.
+
+What a kernel reads from is an array (M, T, T) of raw codes, or one of the tuples below; Numba picks the branch by type, so that
+only what is used is compiled. Reconstruction calculates with whole numbers small enough for float32: no order
+of additions changes a bit, and pictures show what the codec's ``decode`` gives.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+
+from luxel.kernels.jit import kernel
+
+__all__ = ["ClusteredTexels", "CodewordTexels", "LinearTexels", "four_codes", "side_of", "unpacked"]
+
+_ZERO, _WHITE = np.float32(0), np.float32(255)
+_MIDDLE = np.float32(128)
+
+
+class CodewordTexels(NamedTuple):
+    """Vector quantisation: `index` (M, B) uint8, little-endian, into `codebook` (C, T, T) uint8."""
+
+    index: np.ndarray
+    codebook: np.ndarray
+
+
+class LinearTexels(NamedTuple):
+    """Coefficients of one basis: code = (offset + basis · (coefficient − 128)) · unit, rounded down.
+
+    `coefficients` (M, n) uint8; `basis` (T², n) and `offset` (T²,) float32, whole numbers; `unit` a power of two.
+    """
+
+    coefficients: np.ndarray
+    basis: np.ndarray
+    offset: np.ndarray
+    unit: np.float32
+    side: int
+
+
+class ClusteredTexels(NamedTuple):
+    """A basis for every cluster; `records` (M, B) uint8: the cluster's index, then coefficients of cluster-specific widths.
+
+    `basis` (K, T², n) int8; `offset` (K, T²), `scale` (K, n) float32; `width` (K, n) uint8 bits; `count` (K,) int32
+    coefficients; `levels` (9, 256) float32, values of the quantisers of 0..8 bits; `lead` bytes of the index.
+    """
+
+    records: np.ndarray
+    basis: np.ndarray
+    offset: np.ndarray
+    scale: np.ndarray
+    width: np.ndarray
+    count: np.ndarray
+    levels: np.ndarray
+    lead: int
+    unit: np.float32
+    side: int
+
+
+@kernel(inline=True)
+def _little_endian(record, size):
+    value = 0
+    for k in range(size):
+        value |= int(record[k]) << (8 * k)
+    return value
+
+
+@kernel(inline=True)
+def _code(value, unit):
+    return int(min(max(np.floor(value * unit), _ZERO), _WHITE))
+
+
+@kernel(inline=True)
+def _four_raw(codes, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+    return codes[slot, r0, c0], codes[slot, r1, c1], codes[slot, r2, c2], codes[slot, r3, c3]
+
+
+@kernel(inline=True)
+def _four_codeword(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+    word = _little_endian(texels.index[slot], texels.index.shape[1])
+    return _four_raw(texels.codebook, word, r0, c0, r1, c1, r2, c2, r3, c3)
+
+
+@kernel(inline=True)
+def _four_linear(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+    t0, t1, t2, t3 = (
+        r0 * texels.side + c0,
+        r1 * texels.side + c1,
+        r2 * texels.side + c2,
+        r3 * texels.side + c3,
+    )
+    a, b, c, d = texels.offset[t0], texels.offset[t1], texels.offset[t2], texels.offset[t3]
+    for k in range(texels.basis.shape[1]):
+        q = np.float32(texels.coefficients[slot, k]) - _MIDDLE
+        a += texels.basis[t0, k] * q
+        b += texels.basis[t1, k] * q
+        c += texels.basis[t2, k] * q
+        d += texels.basis[t3, k] * q
+    return _code(a, texels.unit), _code(b, texels.unit), _code(c, texels.unit), _code(d, texels.unit)
+
+
+@kernel(inline=True)
+def unpacked(record, bit, width):
+    """Whole number of `width` <= 8 bits that begins at `bit`."""
+    at = bit >> 3
+    word = int(record[at])
+    if (bit & 7) + width > 8:
+        word |= int(record[at + 1]) << 8
+    return (word >> (bit & 7)) & ((1 << width) - 1)
+
+
+@kernel(inline=True)
+def _four_clustered(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+    record = texels.records[slot]
+    k = _little_endian(record, texels.lead)
+    t0, t1, t2, t3 = (
+        r0 * texels.side + c0,
+        r1 * texels.side + c1,
+        r2 * texels.side + c2,
+        r3 * texels.side + c3,
+    )
+    basis, offset = texels.basis[k], texels.offset[k]
+    a, b, c, d = offset[t0], offset[t1], offset[t2], offset[t3]
+    bit = 8 * texels.lead
+    for i in range(texels.count[k]):
+        width = int(texels.width[k, i])
+        value = np.rint(texels.scale[k, i] * texels.levels[width, unpacked(record, bit, width)])
+        bit += width
+        a += np.float32(basis[t0, i]) * value
+        b += np.float32(basis[t1, i]) * value
+        c += np.float32(basis[t2, i]) * value
+        d += np.float32(basis[t3, i]) * value
+    return _code(a, texels.unit), _code(b, texels.unit), _code(c, texels.unit), _code(d, texels.unit)
+
+
+def four_codes(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+    """Codes of four texels (row, column) of texture `slot`; for kernels only."""
+    raise NotImplementedError
+
+
+def side_of(texels):
+    """Rows and columns of a texture; for kernels only."""
+    raise NotImplementedError
+
+
+_FOUR = {
+    CodewordTexels: _four_codeword,
+    LinearTexels: _four_linear,
+    ClusteredTexels: _four_clustered,
+}
+
+
+@overload(four_codes, jit_options={"forceinline": True})
+def _four_codes(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+    if isinstance(texels, types.Array):
+        read = _four_raw
+    elif isinstance(texels, types.NamedTuple) and texels.instance_class in _FOUR:
+        read = _FOUR[texels.instance_class]
+    else:
+        return None
+    return lambda texels, slot, r0, c0, r1, c1, r2, c2, r3, c3: read(
+        texels, slot, r0, c0, r1, c1, r2, c2, r3, c3
+    )
+
+
+@overload(side_of, jit_options={"forceinline": True})
+def _side_of(texels):
+    if isinstance(texels, types.Array):
+        return lambda texels: texels.shape[1]
+    if texels.instance_class is CodewordTexels:
+        return lambda texels: texels.codebook.shape[1]
+    return lambda texels: texels.side
+
+
+@kernel
+def read_codes(texels, out):
+    """Every texel of every texture, as lookups see them, to `out` (M, T, T) uint8."""
+    for slot in range(out.shape[0]):
+        for row in range(out.shape[1]):
+            for c in range(0, out.shape[2], 2):
+                a, b, _, _ = four_codes(texels, slot, row, c, row, c + 1, row, c, row, c)
+                out[slot, row, c], out[slot, row, c + 1] = a, b
