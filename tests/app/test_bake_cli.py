@@ -209,9 +209,9 @@ def test_info(store, capsys):
 
 
 def test_a_picture_of_a_store_is_that_of_the_file(file, store, tmp_path, capsys):
-    look = "--size 48x32 --color-by stress --colormap magma --azimuth 20 --antialias 1".split()
+    look = ["--size", "48x32", "--color-by", "stress", "--azimuth", "20", "--antialias", "1"]
     assert run("render", store, "-o", tmp_path / "a.png", *look) == 0
-    light = "--samples 1 --mode paper --sky 0.8 --up y".split()
+    light = ["--samples", "1", "--mode", "paper", "--sky", "0.8", "--up", "y"]
     assert run("render", file, "-o", tmp_path / "b.png", *look, *light) == 0
     first, second = (np.asarray(Pillow.open(tmp_path / name)) for name in ("a.png", "b.png"))
     assert np.array_equal(first, second)
@@ -243,7 +243,7 @@ def test_more_refusals(file, store, tmp_path, capsys):
     assert "looked at alone" in refused(capsys, "render", store, file, *out)
     assert "no frame 3" in refused(capsys, "render", store, *out, "--frame", "3")
     assert "no such store" in refused(capsys, "render", tmp_path / "none.zarr", *out)
-    assert "open_baked" in refused(capsys, "plan", str(store)[:-5] + ".zarr/frames")
+    assert "is baked already" in refused(capsys, "plan", str(store)[:-5] + ".zarr/frames")
 
 
 def test_view_serves_the_store(store, monkeypatch):

@@ -301,7 +301,7 @@ def test_foreign_places(tmp_path):
         path = tmp_path / f"{name}.zarr"
         damaged(path)
         for overwrite in (False, True):
-            with pytest.raises(LuxelError, match="another -o|another path"):
+            with pytest.raises(LuxelError, match=r"another -o|another path"):
                 bake(path, overwrite=overwrite)
     assert (tmp_path / "plain.zarr/precious.txt").read_text() == "mine"
     assert (tmp_path / "file.zarr").read_text() == "mine"

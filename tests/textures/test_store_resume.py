@@ -122,9 +122,10 @@ def test_full_disk(tmp_path, codec, uninterrupted, monkeypatch, step, code, word
             raise OSError(code, os.strerror(code))
         real(descriptor)
 
-    with monkeypatch.context() as patched, pytest.raises(StorageError, match=words) as caught:
+    with monkeypatch.context() as patched:
         patched.setattr(os, "fsync", fsync)
-        bake_both(path, codec)
+        with pytest.raises(StorageError, match=words) as caught:
+            bake_both(path, codec)
     message = str(caught.value)
     assert str(path) in message
     assert " — " in message

@@ -27,7 +27,9 @@ def nearest_level(levels, count, value):
 
 
 @kernel
-def encode_clustered(codes, center, rows, gain, scale, width, count, levels, unit, lead, tries, records, errors, values):
+def encode_clustered(
+    codes, center, rows, gain, scale, width, count, levels, unit, lead, tries, records, errors, values
+):
     """Write records (n, B) of rows of codes (n, D), squared errors (n,), and the coefficients found (n, most).
 
     Coefficients are found one after the other in what the earlier ones, as quantised, have left: so the basis need not

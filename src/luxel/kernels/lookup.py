@@ -22,9 +22,9 @@ _MIDDLE = np.float32(128)
 
 
 class CodewordTexels(NamedTuple):
-    """Vector quantisation: `index` (M, B) uint8, little-endian, into `codebook` (C, T, T) uint8."""
+    """Vector quantisation: `words` (M, B) uint8, little-endian, into `codebook` (C, T, T) uint8."""
 
-    index: np.ndarray
+    words: np.ndarray
     codebook: np.ndarray
 
 
@@ -44,7 +44,7 @@ class LinearTexels(NamedTuple):
 class ClusteredTexels(NamedTuple):
     """A basis for every cluster; `records` (M, B) uint8: the cluster's index, then coefficients of cluster-specific widths.
 
-    `basis` (K, T², n) int8; `offset` (K, T²), `scale` (K, n) float32; `width` (K, n) uint8 bits; `count` (K,) int32
+    `basis` (K, T², n) int8; `offset` (K, T²), `scale` (K, n) float32; `width` (K, n) uint8 bits; `counts` (K,) int32
     coefficients; `levels` (9, 256) float32, values of the quantisers of 0..8 bits; `lead` bytes of the index.
     """
 
@@ -53,7 +53,7 @@ class ClusteredTexels(NamedTuple):
     offset: np.ndarray
     scale: np.ndarray
     width: np.ndarray
-    count: np.ndarray
+    counts: np.ndarray
     levels: np.ndarray
     lead: int
     unit: np.float32
@@ -80,7 +80,7 @@ def _four_raw(codes, slot, r0, c0, r1, c1, r2, c2, r3, c3):
 
 @kernel(inline=True)
 def _four_codeword(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
-    word = _little_endian(texels.index[slot], texels.index.shape[1])
+    word = _little_endian(texels.words[slot], texels.words.shape[1])
     return _four_raw(texels.codebook, word, r0, c0, r1, c1, r2, c2, r3, c3)
 
 
@@ -125,7 +125,7 @@ def _four_clustered(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
     basis, offset = texels.basis[k], texels.offset[k]
     a, b, c, d = offset[t0], offset[t1], offset[t2], offset[t3]
     bit = 8 * texels.lead
-    for i in range(texels.count[k]):
+    for i in range(texels.counts[k]):
         width = int(texels.width[k, i])
         value = np.rint(texels.scale[k, i] * texels.levels[width, unpacked(record, bit, width)])
         bit += width

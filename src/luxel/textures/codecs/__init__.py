@@ -7,10 +7,10 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
@@ -74,7 +74,7 @@ def train(
     allowed: Callable[..., Any] | None = getattr(chosen, "train", None)
     if allowed is None:
         return RawCodec(int(gathered(codes).shape[1]))
-    names = allowed.__code__.co_varnames if hasattr(allowed, "__code__") else allowed.__func__.__code__.co_varnames  # type: ignore[attr-defined]
+    names = inspect.signature(allowed).parameters
     for name in given:
         if name not in names:
             raise InputError(f"{kind} codecs are not trained to {name!r}")

@@ -187,9 +187,7 @@ class ClusteredPCACodec:
         """Turn (K, T, T) codes into records (K, B)."""
         return self.quantized(codes)[0]
 
-    def quantized(
-        self, codes: Codes
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
+    def quantized(self, codes: Codes) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
         """Records (K, B), squared errors (K,), and normalised coefficients (K, most) before they were quantised."""
         codes = as_codes(codes, self.texels)
         count, tables = len(codes), self._tables

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +49,9 @@ def train(
     for step, k in enumerate(tries):
         size = _record_bytes(codes, k, float(value)) if target == "ratio" else int(value)
         if size > int(k > 1):
-            codec = _fit(codes, k, size, rng, rounds=_ROUNDS if clusters else 1)
+            codec: ClusteredPCACodec | None = _fit(codes, k, size, rng, rounds=_ROUNDS if clusters else 1)
             if target == "ratio":
-                codec = _shrunk(codec, len(codes), float(value))
+                codec = _shrunk(codec, len(codes), float(value)) if codec is not None else None
             if codec is not None:
                 found = float(codec.quantized(judged)[1].mean())
                 if found < least:
@@ -71,7 +72,14 @@ def train(
     return best
 
 
-def _to_error(codes, error, clusters, rng, judged, progress):  # type: ignore[no-untyped-def]
+def _to_error(
+    codes: Codes,
+    error: float,
+    clusters: int | None,
+    rng: np.random.Generator,
+    judged: NDArray[np.uint8],
+    progress: Progress | None,
+) -> ClusteredPCACodec:
     """Bisect the size of a record."""
     size = codes.shape[1] ** 2
     k = clusters or max(k for k in _CLUSTERS if k * 64 <= max(len(codes), 64))
@@ -171,7 +179,15 @@ def _first_clusters(flat: NDArray[np.uint8], clusters: int, rng: np.random.Gener
     return label
 
 
-def _bases(flat, label, clusters, payload_bytes, levels, errors, texels):  # type: ignore[no-untyped-def]
+def _bases(
+    flat: NDArray[np.uint8],
+    label: NDArray[np.int64],
+    clusters: int,
+    payload_bytes: int,
+    levels: Any,
+    errors: Any,
+    texels: int,
+) -> ClusteredPCACodec:
     """Centre, basis, widths and scales of every cluster."""
     budget = 8 * (payload_bytes - int(clusters > 1))
     digits = 2 ** fraction_bits(texels)
@@ -218,7 +234,9 @@ def _bases(flat, label, clusters, payload_bytes, levels, errors, texels):  # typ
     )
 
 
-def water_fill(variances: NDArray[np.floating], errors: NDArray[np.float64], budget: int) -> NDArray[np.int64]:
+def water_fill(
+    variances: NDArray[np.floating], errors: NDArray[np.float64], budget: int
+) -> NDArray[np.int64]:
     """Give out `budget` bits so that the sum of variances times errors is least.
 
     Parameters

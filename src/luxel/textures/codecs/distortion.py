@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +91,13 @@ class Distortion:
         )
 
 
-def _measure(codes, decode, decoding, mapping, ratio):  # type: ignore[no-untyped-def]
+def _measure(
+    codes: Codes,
+    decode: Callable[[slice], NDArray[np.uint8]],
+    decoding: NDArray[np.float32] | None,
+    mapping: Mapping,
+    ratio: float | None,
+) -> Distortion:
     count, texels = len(codes), codes.shape[1]
     if count == 0:
         raise InputError("distortion needs at least one texture, got none")

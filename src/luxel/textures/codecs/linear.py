@@ -155,7 +155,7 @@ class LinearCodec:
 
     def _dual(self) -> NDArray[np.float64]:
         """Least squares: what gives the coefficients of a texture, in steps, (D, n)."""
-        return np.linalg.pinv(self.basis / 2.0**self.shift).T
+        return np.asarray(np.linalg.pinv(self.basis / 2.0**self.shift).T, np.float64)
 
 
 class PCACodec(LinearCodec):
@@ -269,9 +269,7 @@ class SHCodec(LinearCodec):
                 )
             value = math.isqrt(int(room)) - 1
         if not 0 <= value < texels:
-            raise InputError(
-                f"degree must be 0..{texels - 1} for {texels} x {texels} texels, got {value:g}"
-            )
+            raise InputError(f"degree must be 0..{texels - 1} for {texels} x {texels} texels, got {value:g}")
         harmonics = real_harmonics(
             texel_directions(mapping, texels).reshape(-1, 3).astype(np.float64), int(value)
         )

@@ -8,6 +8,7 @@ and cut at one cost for all buckets; what is left is merged again in other bucke
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,7 +207,7 @@ def bounds_of(
     return out
 
 
-def blocks_from(bounds: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
+def blocks_from(bounds: NDArray[np.float32]) -> tuple[NDArray[Any], ...]:
     """Sort bounds (n, 16) by their first coordinate into blocks.
 
     Returns

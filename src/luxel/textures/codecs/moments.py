@@ -7,7 +7,7 @@ entries: all second moments fit into half a MiB, cost less than such updates, an
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sized
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,7 +51,7 @@ class Moments:
         InputError
             For another shape or dtype than those before.
         """
-        total = self.count + (len(codes) if hasattr(codes, "__len__") else 0)
+        total = self.count + (len(codes) if isinstance(codes, Sized) else 0)
         for block in blocks_of(codes):
             known = math.isqrt(self.sample.shape[1]) or None
             flat = np.asarray(as_codes(block, known)).reshape(len(block), -1)

@@ -32,10 +32,14 @@ class Codec(Protocol):
     """
 
     @property
-    def kind(self) -> str: ...
+    def kind(self) -> str:
+        """Name, see `KINDS`."""
+        ...
 
     @property
-    def texels(self) -> int: ...
+    def texels(self) -> int:
+        """Rows and columns of a texture."""
+        ...
 
     @property
     def payload_bytes(self) -> int:
@@ -123,9 +127,9 @@ def gathered(codes: Codes | Iterable[NDArray[np.uint8]]) -> Any:
 def blocks_of(codes: Codes | Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
     """Yield `codes` in blocks, whether they are an array or come as an iterable of blocks."""
     if hasattr(codes, "shape"):
-        as_codes(codes)
-        for part in parts(len(codes)):
-            yield np.asarray(codes[part])
+        array: Any = as_codes(codes)
+        for part in parts(len(array)):
+            yield np.asarray(array[part])
     else:
         yield from codes
 
