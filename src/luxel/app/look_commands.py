@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from luxel.session import Session
     from luxel.textures.spec import TextureSpec
     from luxel.textures.store.reader import Baked
-    from luxel.textures.textures import LuminanceTextures
+    from luxel.textures.textures import TextureSource
 
 __all__ = ["COMMANDS", "open_series", "texture_spec"]
 
@@ -129,7 +129,7 @@ def _render(options: argparse.Namespace) -> None:
         view = build_view(options, _stored_view(baked))
         frame = baked[options.frame or 0]
         origin = {"file": baked.path, "frame": frame.index}
-        _draw(options, frame.scene, view, origin, frame.textures)
+        _draw(options, frame.scene, view, origin, frame.compressed)
     else:
         fill_light(options)
         view = build_view(options)
@@ -224,7 +224,7 @@ def _draw(
     scene: Scene,
     view: View,
     origin: dict[str, Any],
-    textures: LuminanceTextures | None = None,
+    textures: TextureSource | None = None,
 ) -> None:
     from luxel.picture.raytrace import render
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import lambert
+from luxel.kernels.lookup import four_codes, side_of
 from luxel.kernels.mapping import texel_uv, wrapped
 from luxel.kernels.path import luminance_at
 from luxel.kernels.rng import PURPOSE_PIXEL, path_key
@@ -21,26 +22,24 @@ _FINE = np.float32(0.2)
 _LIMB = np.float32(0.19)
 
 
-@kernel(inline=True)
-def _texel(mapping, codes, decoding, slot, row, column):
-    row, column = wrapped(mapping, codes.shape[1], row, column)
-    return decoding[codes[slot, row, column]]
-
-
 @kernel
-def bilinear(mapping, codes, decoding, slot, nx, ny, nz):
-    """Luminance of texture `slot` where the unit normal n points, interpolated bilinearly (paper 3.4)."""
-    texels = np.float32(codes.shape[1])
+def bilinear(mapping, texels, decoding, slot, nx, ny, nz):
+    """Luminance of texture `slot` where the unit normal n points, interpolated bilinearly (paper 3.4).
+
+    `texels` are raw codes (M, T, T) or compressed as ``lookup`` describes: only the four that are needed are unpacked.
+    """
+    side = side_of(texels)
     u, v = texel_uv(mapping, nx, ny, nz)
-    x, y = u * texels - _HALF, v * texels - _HALF
+    x, y = u * np.float32(side) - _HALF, v * np.float32(side) - _HALF
     column, row = int(np.floor(x)), int(np.floor(y))
     a, b = x - np.float32(column), y - np.float32(row)
-    top = (_ONE - a) * _texel(mapping, codes, decoding, slot, row, column) + a * _texel(
-        mapping, codes, decoding, slot, row, column + 1
-    )
-    low = (_ONE - a) * _texel(mapping, codes, decoding, slot, row + 1, column) + a * _texel(
-        mapping, codes, decoding, slot, row + 1, column + 1
-    )
+    r0, c0 = wrapped(mapping, side, row, column)
+    r1, c1 = wrapped(mapping, side, row, column + 1)
+    r2, c2 = wrapped(mapping, side, row + 1, column)
+    r3, c3 = wrapped(mapping, side, row + 1, column + 1)
+    p, q, r, s = four_codes(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3)
+    top = (_ONE - a) * decoding[p] + a * decoding[q]
+    low = (_ONE - a) * decoding[r] + a * decoding[s]
     return (_ONE - b) * top + b * low
 
 
@@ -55,7 +54,7 @@ def _reach(world, eye, spacing, sphere, dx, dy, dz, distance):
 
 
 @kernel
-def _filtered(mapping, codes, decoding, slot, eye, dx, dy, dz, nx, ny, nz, reach):
+def _filtered(mapping, texels, decoding, slot, eye, dx, dy, dz, nx, ny, nz, reach):
     """Mean luminance of texture `slot` over what a ray along the unit vector d stands for: four points around its hit.
 
     Without it, particles a few pixels wide sparkle: neighbouring rays fall on unrelated texels. The points lie in the
@@ -79,10 +78,10 @@ def _filtered(mapping, codes, decoding, slot, eye, dx, dy, dz, nx, ny, nz, reach
         rest = _ONE - (px * px + py * py + pz * pz)
         if rest > _LIMB:
             c = np.sqrt(rest)
-            total += bilinear(mapping, codes, decoding, slot, px - c * dx, py - c * dy, pz - c * dz)
+            total += bilinear(mapping, texels, decoding, slot, px - c * dx, py - c * dy, pz - c * dz)
             count += 1
     if count == 0:
-        return bilinear(mapping, codes, decoding, slot, nx, ny, nz)
+        return bilinear(mapping, texels, decoding, slot, nx, ny, nz)
     return total / np.float32(count)
 
 
@@ -118,7 +117,7 @@ def shade_textures(
     ids,
     mapping,
     slot,
-    codes,
+    texels,
     decoding,
     coarse,
     colors,
@@ -144,9 +143,9 @@ def shade_textures(
             if s >= 0:
                 reach = _reach(world, eye, step, sphere, dx, dy, dz, distance[y, x])
                 if reach > 0:
-                    luminance = _filtered(mapping, codes, decoding, s, eye, dx, dy, dz, nx, ny, nz, reach)
+                    luminance = _filtered(mapping, texels, decoding, s, eye, dx, dy, dz, nx, ny, nz, reach)
                 else:
-                    luminance = bilinear(mapping, codes, decoding, s, nx, ny, nz)
+                    luminance = bilinear(mapping, texels, decoding, s, nx, ny, nz)
             elif sphere < coarse.shape[0] and coarse[sphere, 0] >= 0:
                 c = coarse[sphere]
                 luminance = max(_ZERO, c[0] + c[1] * nx + c[2] * ny + c[3] * nz)

@@ -23,7 +23,7 @@ from luxel.scene.scene import Scene
 from luxel.scene.view import View
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import Mode, TextureSpec, light_key
-from luxel.textures.textures import LuminanceTextures, TextureSource, TextureTable, decoding_table
+from luxel.textures.textures import TextureSource, TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import run_parts, thread_count
 
@@ -39,7 +39,7 @@ _MOST_PIXELS = 2**28
 def render(
     scene: Scene,
     view: View | None = None,
-    textures: LuminanceTextures | TextureSource | None = None,
+    textures: TextureSource | None = None,
     size: tuple[int, int] = (1280, 720),
     *,
     light: Light = "texture",
@@ -261,7 +261,7 @@ def _table(
     eye: tiles.Eye,
     size: tuple[int, int],
     shifts: list[tuple[float, float]],
-    textures: LuminanceTextures | TextureSource | None,
+    textures: TextureSource | None,
     key: str | None,
     spec: TextureSpec,
     threads: int,

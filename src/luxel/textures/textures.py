@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,9 +47,9 @@ class TextureTable:
     Parameters
     ----------
     slot
-        (N,) int32 for every particle of the scene: its row in `codes`, or -1 where there is no texture yet.
+        (N,) int32 for every particle of the scene: its texture, or -1 where there is no texture yet.
     codes
-        (M, texels, texels) uint8.
+        (M, texels, texels) uint8, or M compressed textures as ``kernels.lookup`` describes them.
     decoding
         (256,) float32: luminance of each code.
     mapping
@@ -61,7 +61,7 @@ class TextureTable:
     """
 
     slot: NDArray[np.int32]
-    codes: NDArray[np.uint8]
+    codes: Any
     decoding: NDArray[np.float32]
     mapping: Mapping = "latlong"
     coarse: NDArray[np.float32] = field(default_factory=lambda: NO_COARSE)

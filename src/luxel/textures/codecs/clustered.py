@@ -204,7 +204,7 @@ class ClusteredPCACodec:
                 gain,
                 tables.scale,
                 tables.width,
-                tables.count,
+                tables.counts,
                 tables.levels,
                 tables.unit,
                 self.lead,

@@ -20,6 +20,7 @@ from luxel.textures.textures import Encoding, LuminanceTextures
 
 if TYPE_CHECKING:
     from luxel.textures.codecs import Codec
+    from luxel.textures.compressed import CompressedTextures
     from luxel.textures.store.arrays import StoredArray
 
 __all__ = ["Baked", "BakedFrame", "check_header", "is_store", "open_baked"]
@@ -251,6 +252,22 @@ class BakedFrame:
     def payload(self) -> NDArray[np.uint8]:
         """(N, B) compressed textures."""
         return self._whole("payload")
+
+    @cached_property
+    def compressed(self) -> CompressedTextures:
+        """The textures of all particles as they are stored: what pictures are drawn from."""
+        from luxel.textures.compressed import CompressedTextures
+
+        return CompressedTextures(
+            np.arange(self.count, dtype=np.int32),
+            self.payload,
+            self.codec,
+            self.scale,
+            self.encoding,
+            self.count,
+            self.key,
+            self.settings.spec.mapping,
+        )
 
     @cached_property
     def textures(self) -> LuminanceTextures:
