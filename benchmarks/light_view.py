@@ -54,7 +54,12 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
 
     start = perf_counter()
     in_batches(Baker(scene, TextureSpec(mode="fast")).first_light, ids, thread_count(None))
-    row("first estimate of all that is visible", perf_counter() - start, "s", "coarse records, nothing prepared")
+    row(
+        "first estimate of all that is visible",
+        perf_counter() - start,
+        "s",
+        "coarse records, nothing prepared",
+    )
 
     start = perf_counter()
     baker = Baker(scene, TextureSpec(mode="fast", samples=_DEFAULT_SAMPLES))

@@ -308,3 +308,16 @@ def test_numbers_for_people():
         "5 h 2 min",
         "116 days",
     ]
+
+
+def test_figure(store, tmp_path, capsys):
+    out = tmp_path / "figure.png"
+    assert run("encode", store, "-o", tmp_path / "small.zarr", "--codec", "pca", "--components", "4") == 0
+    capsys.readouterr()
+    assert "--keep-raw" in refused(capsys, "figure", tmp_path / "small.zarr", "-o", out)
+    assert run("figure", tmp_path / "small.zarr", "--raw", store, "-o", out, "--count", "5") == 0
+    pixels = np.asarray(Pillow.open(out))
+    assert pixels.shape == (3 * 102 + 6, 112 + 5 * 102, 3)
+    assert len(np.unique(pixels)) > 20
+    capsys.readouterr()
+    assert "has frames 0..0" in refused(capsys, "figure", store, "-o", out, "--frame", "7")

@@ -1,4 +1,4 @@
-"""The commands that bake: ``luxel bake | encode | plan``."""
+"""The commands that bake: ``luxel bake | encode | plan | figure``."""
 
 from __future__ import annotations
 
@@ -61,6 +61,17 @@ def _plan_options(parser: argparse.ArgumentParser) -> None:
     _add_frames_option(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
     _add_light_options(parser)
+
+
+def _figure_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("store", metavar="IN.zarr", help="compressed textures")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT.png", help="the picture to write")
+    parser.add_argument(
+        "--raw", metavar="RAW.zarr", help="the same bake uncompressed, if IN.zarr did not --keep-raw"
+    )
+    parser.add_argument("--frame", type=int, default=0, metavar="N", help="which of the frames (default: 0)")
+    parser.add_argument("--count", type=positive_int, default=8, metavar="N", help="textures (default: 8)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of which textures (default: 0)")
 
 
 def _add_output_options(parser: argparse.ArgumentParser) -> None:
@@ -161,6 +172,36 @@ def _plan(options: argparse.Namespace) -> None:
     say_if_cold()
     found = plan_bake(series, frames=frames, **_light(options), spec=spec, threads=options.threads).to_json()
     print(json.dumps(found, indent=2) if options.json else plan_table(series.path, found))
+
+
+def _figure(options: argparse.Namespace) -> None:
+    import numpy as np
+
+    from luxel.picture.textures_figure import codec_figure
+    from luxel.textures.store.reader import open_baked
+
+    baked = open_baked(options.store)
+    source = baked if options.raw is None else open_baked(options.raw)
+    for each in (baked, source):
+        if not 0 <= options.frame < len(each):
+            raise InputError(f"--frame: {each.path} has frames 0..{len(each) - 1}, got {options.frame}")
+    frame, plain = baked[options.frame], source[options.frame]
+    if not plain.has_raw:
+        raise InputError(
+            f"{source.path} kept no raw textures to compare with — bake with --keep-raw, or give the raw store with --raw"
+        )
+    if plain.key != frame.key:
+        raise InputError(
+            f"{source.path} holds other textures than {baked.path}: particles, light or sampling differ"
+        )
+    # Textures that see something: black ones say nothing about a codec.
+    codes, stored = plain.original(), frame.textures.codes
+    lit = np.flatnonzero(stored.mean(axis=(1, 2)) > 8)
+    pool = lit if len(lit) else np.arange(frame.count)
+    chosen = np.sort(np.random.default_rng(options.seed).permutation(pool)[: options.count])
+    original = np.concatenate([codes[slice(k, k + 1)] for k in chosen.tolist()])
+    codec_figure(original, stored[chosen]).save(options.output)
+    print(f"{options.output}: {len(chosen)} textures of {frame.count:,}, {baked.settings.codec.kind}")
 
 
 def _write(output: str, work: Any) -> None:
@@ -270,5 +311,6 @@ COMMANDS = (
         _encode_options,
         _encode,
     ),
+    Command("figure", "draw textures beside what a codec made of them", _figure_options, _figure),
     Command("plan", "say what a bake will cost in bytes and time, before it is begun", _plan_options, _plan),
 )
