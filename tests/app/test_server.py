@@ -114,7 +114,7 @@ def token_path(viewer: Viewer) -> str:
 
 
 def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
-    for path in ("/", "/?token=guess", "/client/main.js", "/favicon.ico", "/nothing"):
+    for path in ("/", "/?token=guess", "/client/page.js", "/favicon.ico", "/nothing"):
         response, text = get(viewer, path)
         assert response.status == 403
         assert "token" in text
@@ -129,7 +129,7 @@ def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
         response, text = get(viewer, f"/client/{each.name}", Cookie=given)
         assert response.status == 200, each.name
         assert text == each.read_text()
-    assert get(viewer, "/client/main.js", Cookie=given[:-2])[0].status == 403
+    assert get(viewer, "/client/page.js", Cookie=given[:-2])[0].status == 403
 
 
 def test_nothing_outside_the_folder_is_served(viewer: Viewer) -> None:
