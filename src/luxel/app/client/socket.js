@@ -7,6 +7,7 @@ const FINAL = new Map([
   [4400, "The server refused a message"],
   [4401, "Not authorised"],
   [4406, "Page and server are of different versions"],
+  [4429, "The server is full"],
 ]);
 const RETRY_MS = [300, 1000, 2000, 5000];
 
