@@ -500,15 +500,15 @@ def test_periodic_wants_a_cell(file, tmp_path, capsys):
 @pytest.mark.parametrize(
     "given, kept, opened",
     [
-        (["--cut", "x>0.5"], [Cut("x", 0.5)], []),
-        (["--cut", "x>0.5", "--cut-light", "opens"], [], [Cut("x", 0.5)]),
-        (["--cut", "-1,0,0>-2", "--cut", "z<0"], [Cut("-x", -2), Cut("-z", 0)], []),
+        (["--cut", "x>0.5"], [], [Cut("x", 0.5)]),
+        (["--cut", "x>0.5", "--cut-light", "keeps"], [Cut("x", 0.5)], []),
+        (["--cut", "-1,0,0>-2", "--cut", "z<0"], [], [Cut("-x", -2), Cut("-z", 0)]),
         (
-            ["--cut", "x>1", "--cut-light", "opens", "--select", "0<=stress<=1"],
+            ["--cut", "x>1", "--select", "0<=stress<=1", "--select-light", "keeps"],
             [Select("stress", 0, 1)],
             [Cut("x", 1)],
         ),
-        (["--select", "velocity.x=2", "--select-light", "opens"], [], [Select("velocity.x", 2, 2)]),
+        (["--select", "velocity.x=2"], [], [Select("velocity.x", 2, 2)]),
     ],
 )
 def test_what_is_hidden_and_for_whom(file, tmp_path, rendered, given, kept, opened):
@@ -533,7 +533,7 @@ def test_radius_scale(file, tmp_path, rendered, served):
         (["--cut", "w>1"], "x>0.5"),
         (["--select", "stress"], "stress>1e6"),
         (["--select", "strain>1"], "no scalar 'strain'"),
-        (["--select", "strain>1", "--select-light", "opens"], "no scalar 'strain'"),
+        (["--select", "strain>1", "--select-light", "keeps"], "no scalar 'strain'"),
         (["--radius-scale", "0"], "positive"),
         (["--cut-light", "maybe"], "keeps"),
     ],
@@ -556,7 +556,24 @@ def test_a_saved_view_brings_its_light_and_options_override_it(tmp_path, rendere
     assert luxel.Lighting.of(scene).to_json() == light.with_changes(hide=(Cut("x", 2),)).to_json()
     assert scene.particles.bounds[1].max() == pytest.approx(3.2)  # frame 2, radii doubled
     assert shown.to_json() == view.to_json()
-    assert run(*saved, "--frame", 0, "--model", "shadows", "--sky", 2, "--cut", "x>9", "--exposure", 1) == 0
+    assert (
+        run(
+            *saved,
+            "--frame",
+            0,
+            "--model",
+            "shadows",
+            "--sky",
+            2,
+            "--cut",
+            "x>9",
+            "--cut-light",
+            "keeps",
+            "--exposure",
+            1,
+        )
+        == 0
+    )
     scene, shown = rendered[1]["scene"], rendered[1]["view"]
     assert scene.model == "shadows"
     assert [type(each) for each in scene.sources] == [Sky, Sun, luxel.SphereLight]
@@ -572,7 +589,7 @@ def test_a_saved_view_brings_its_light_and_options_override_it(tmp_path, rendere
 
 
 def test_what_render_prints_can_be_rendered_again(file, tmp_path, rendered, capsys):
-    given = ["--model", "ao", "--cut", "x>0.5", "--select", "stress>0", "--select-light", "opens"]
+    given = ["--model", "ao", "--cut", "x>0.5", "--select", "stress>0", "--select-light", "keeps"]
     assert run("render", file, "-o", tmp_path / "a.png", "--json", *given) == 0
     printed = json.loads(capsys.readouterr().out)
     (tmp_path / "view.json").write_text(json.dumps(printed["view"]))

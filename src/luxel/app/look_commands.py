@@ -222,7 +222,7 @@ def _stored_look(options: argparse.Namespace, baked: Baked) -> SavedView:
     from luxel.scene.saved import SavedView
     from luxel.scene.view import View
 
-    look = build_look(options, View(up=baked.settings.up))
+    look = build_look(options, View(up=baked.settings.up), rule="keeps")
     view, frame = look.view, look.frame if options.frame is None else options.frame
     if look.light is not None and look.light.conditions:
         say(

@@ -197,7 +197,8 @@ def _add_hiding_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--cut-light",
         choices=HIDDEN_LIGHT,
-        help="keeps: what is cut away still casts shadows, light stays as it is; opens: light falls into the cut (default: keeps)",
+        help="opens: light falls into the cut; keeps: what is cut away still casts shadows, light stays as it is"
+        " (default: opens, keeps where the light is baked in)",
     )
     group.add_argument(
         "--select",
@@ -205,9 +206,7 @@ def _add_hiding_options(parser: argparse.ArgumentParser) -> None:
         metavar="RANGE",
         help="show only particles with these values, such as 'stress>1e6', 'type=2' or '0.1<density<0.9'; may be repeated",
     )
-    group.add_argument(
-        "--select-light", choices=HIDDEN_LIGHT, help="the same for what is not selected (default: keeps)"
-    )
+    group.add_argument("--select-light", choices=HIDDEN_LIGHT, help="the same for what is not selected")
     group.add_argument("--radius-scale", type=number, metavar="F", help="factor on all radii (default: 1)")
 
 
@@ -263,7 +262,7 @@ def build_lights(
     return tuple(lights)
 
 
-def build_look(options: argparse.Namespace, base: View | None = None) -> SavedView:
+def build_look(options: argparse.Namespace, base: View | None = None, *, rule: str = "opens") -> SavedView:
     """Return view and light that options ask for, on top of ``--view``'s; the frame is that of ``--view``.
 
     Parameters
@@ -272,6 +271,8 @@ def build_look(options: argparse.Namespace, base: View | None = None) -> SavedVi
         Parsed by :func:`add_scene_options`.
     base
         As of :func:`build_view`.
+    rule
+        What ``--cut-light`` and ``--select-light`` say where they are not given.
     """
     from luxel.scene.saved import Lighting, SavedView
 
@@ -281,7 +282,7 @@ def build_look(options: argparse.Namespace, base: View | None = None) -> SavedVi
     before = saved.light or Lighting()
     names = ("model", "albedo", "ao_distance", "periodic", "radius_scale")
     changes = {name: value for name in names if (value := getattr(options, name, None)) is not None}
-    kept, opened = _conditions(options)
+    kept, opened = _conditions(options, rule)
     light = before.with_changes(
         lights=build_lights(options, view.up, before.lights),
         hide=(*before.conditions, *opened),
@@ -296,17 +297,17 @@ def _default_view() -> View:
     return View()
 
 
-def _conditions(options: argparse.Namespace) -> tuple[list[Condition], list[Condition]]:
+def _conditions(options: argparse.Namespace, rule: str) -> tuple[list[Condition], list[Condition]]:
     """Return what ``--cut`` and ``--select`` hide: without change of light, and from light too."""
     from luxel.scene.hiding import Cut, Select
 
     kept: list[Condition] = []
     opened: list[Condition] = []
-    for kind, texts, rule in (
+    for kind, texts, given in (
         (Cut, options.cut, options.cut_light),
         (Select, options.select, options.select_light),
     ):
-        found = opened if rule == "opens" else kept
+        found = opened if (given or rule) == "opens" else kept
         found += [kind.parse(text) for text in texts or ()]
     return kept, opened
 
