@@ -4,8 +4,8 @@ export const SUBPROTOCOL = "luxel.v2";
 
 /** Kinds of messages, as numbered in app/protocol.py. */
 export const KIND = {
-  hello: 1, sighted: 2, confirm: 3, setLight: 4, setFrame: 5, scalarRequest: 6, colormapRequest: 7, report: 8,
-  scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24,
+  hello: 1, sighted: 2, confirm: 3, setLight: 4, setFrame: 5, scalarRequest: 6, colormapRequest: 7, report: 8, setView: 40, loadView: 41,
+  scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24, view: 50,
 };
 
 /** @typedef {Float32Array | Int32Array | Uint16Array | Uint8Array} Values */
