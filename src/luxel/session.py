@@ -26,7 +26,7 @@ from luxel.scene.saved import Lighting
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec, light_key
-from luxel.textures.store.reader import Baked
+from luxel.textures.store.reader import Baked, BakedFrame
 from luxel.textures.store.source import StoredBaker
 from luxel.textures.textures import Encoding, TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
@@ -204,6 +204,11 @@ class Session:
     def scale(self) -> float:
         """Luminance of code 255 under the current light."""
         return self._lit.scale
+
+    @property
+    def stored(self) -> BakedFrame | None:
+        """The stored frame whose textures are shown; None where light is computed."""
+        return None if self._baked is None else self._baked[self._lit.frame]
 
     @property
     def encoding(self) -> Encoding:

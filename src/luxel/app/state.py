@@ -24,11 +24,11 @@ from luxel.textures.textures import decoding_table
 from luxel.trace.spheres import SphereSet
 
 __all__ = [
-    "check_view",
     "colormap",
     "geometry",
     "light_state",
     "lights_with",
+    "restore",
     "scalar",
     "scene_state",
     "status",
@@ -53,7 +53,9 @@ def restore(session: Session, saved: SavedView) -> tuple[View, str]:
     """
     view, frame, note = saved.view, saved.frame, ""
     if frame is not None and frame >= len(session.series):
-        note = f"The saved view is of frame {frame}, and there are {len(session.series)} here: the frame stays."
+        note = (
+            f"The saved view is of frame {frame}, and there are {len(session.series)} here: the frame stays."
+        )
         frame = None
     if session.light_fixed and saved.light is not None:
         note = note or "The light of the saved view is left out: the light here is baked in."

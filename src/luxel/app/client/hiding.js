@@ -124,6 +124,7 @@ export class Shown {
   flush(upload) {
     this.dirty.flush((first, rows) => {
       const start = first * this.width;
+      if (start >= this.loaded) return;
       upload(start, this.drawn.subarray(4 * start, 4 * Math.min(this.loaded, start + rows * this.width)));
     });
   }
