@@ -14,8 +14,17 @@ from numba import types
 from numba.extending import overload
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import prefetch
 
-__all__ = ["ClusteredTexels", "CodewordTexels", "LinearTexels", "four_codes", "side_of", "unpacked"]
+__all__ = [
+    "ClusteredTexels",
+    "CodewordTexels",
+    "LinearTexels",
+    "four_codes",
+    "prefetch_texels",
+    "side_of",
+    "unpacked",
+]
 
 _ZERO, _WHITE = np.float32(0), np.float32(255)
 _MIDDLE = np.float32(128)
@@ -146,6 +155,11 @@ def side_of(texels):
     raise NotImplementedError
 
 
+def prefetch_texels(texels, slot, row):
+    """Ask for what `four_codes` will read of texture `slot`, around this row; for kernels only."""
+    raise NotImplementedError
+
+
 _FOUR = {
     CodewordTexels: _four_codeword,
     LinearTexels: _four_linear,
@@ -173,6 +187,19 @@ def _side_of(texels):
     if texels.instance_class is CodewordTexels:
         return lambda texels: texels.codebook.shape[1]
     return lambda texels: texels.side
+
+
+@overload(prefetch_texels, jit_options={"forceinline": True})
+def _prefetch_texels(texels, slot, row):
+    if isinstance(texels, types.Array):
+        return lambda texels, slot, row: prefetch(
+            texels, (slot * texels.shape[1] + row) * texels.shape[2] * texels.itemsize
+        )
+    if texels.instance_class is CodewordTexels:
+        return lambda texels, slot, row: prefetch(texels.words, slot * texels.words.shape[1])
+    if texels.instance_class is LinearTexels:
+        return lambda texels, slot, row: prefetch(texels.coefficients, slot * texels.coefficients.shape[1])
+    return lambda texels, slot, row: prefetch(texels.records, slot * texels.records.shape[1])
 
 
 @kernel
