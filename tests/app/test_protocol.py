@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import struct
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -36,6 +37,10 @@ FROM_SERVER = [
     protocol.Error("no such scalar"),
     protocol.Coarse("ab12", IDS, np.arange(12, dtype=np.float16).reshape(3, 4)),
 ]
+
+
+def test_every_message_of_a_page_is_tried_here() -> None:
+    assert {type(message) for message in FROM_PAGE} == set(get_args(protocol.ClientMessage))
 
 
 def same(a: protocol.Message, b: protocol.Message) -> None:

@@ -15,7 +15,14 @@ import websocket
 
 import luxel
 from luxel.app import protocol
-from luxel.app.server import CLIENT_FOLDER, CLOSE_BAD_MESSAGE, CLOSE_UNAUTHORISED, CLOSE_WRONG_VERSION
+from luxel.app.limits import PAGES_MAX
+from luxel.app.server import (
+    CLIENT_FOLDER,
+    CLOSE_BAD_MESSAGE,
+    CLOSE_TOO_MANY,
+    CLOSE_UNAUTHORISED,
+    CLOSE_WRONG_VERSION,
+)
 from luxel.app.viewer import Viewer, view
 from luxel.errors import InputError
 from luxel.scene.lights import Sky, SphereLight, Sun, sun_direction
@@ -114,7 +121,7 @@ def token_path(viewer: Viewer) -> str:
 
 
 def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
-    for path in ("/", "/?token=guess", "/client/main.js", "/favicon.ico", "/nothing"):
+    for path in ("/", "/?token=guess", "/client/page.js", "/favicon.ico", "/nothing"):
         response, text = get(viewer, path)
         assert response.status == 403
         assert "token" in text
@@ -129,7 +136,7 @@ def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
         response, text = get(viewer, f"/client/{each.name}", Cookie=given)
         assert response.status == 200, each.name
         assert text == each.read_text()
-    assert get(viewer, "/client/main.js", Cookie=given[:-2])[0].status == 403
+    assert get(viewer, "/client/page.js", Cookie=given[:-2])[0].status == 403
 
 
 def test_nothing_outside_the_folder_is_served(viewer: Viewer) -> None:
@@ -198,6 +205,26 @@ def test_bad_messages_close_that_socket_only(viewer: Viewer) -> None:
         assert reason
     good.send(protocol.ScalarRequest("value"))
     assert good.next(protocol.Scalar).name == "value"
+
+
+def test_more_pages_than_allowed_are_refused_and_the_others_stay(viewer: Viewer) -> None:
+    clients = [Client(viewer) for _ in range(PAGES_MAX)]
+    for client in clients:
+        client.next(protocol.SceneState)
+    code, reason = Client(viewer, hello=False).closed()
+    assert code == CLOSE_TOO_MANY
+    assert str(PAGES_MAX) in reason
+    clients.pop().socket.close()
+    clients[0].send(protocol.ColormapRequest("gray"))
+    clients[0].next(protocol.Colormap)
+
+
+def test_serving_beyond_this_machine_is_warned_about(caplog: pytest.LogCaptureFixture) -> None:
+    with view(cloud(5), host="0.0.0.0", block=False, open_browser=False, announce=lambda url: None):
+        assert "without encryption" in caplog.text
+    caplog.clear()
+    with view(cloud(5), block=False, open_browser=False, announce=lambda url: None):
+        assert not caplog.text
 
 
 def test_page_is_told_the_scene(viewer: Viewer) -> None:

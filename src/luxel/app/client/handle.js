@@ -3,7 +3,7 @@
 /** @typedef {import("./camera.js").Camera} Camera */
 /** @typedef {import("./camera.js").Vec} Vec */
 
-/** @param {import("./main.js").App} app */
+/** @param {import("./app.js").App} app */
 export function handle(app) {
   const toFile = (/** @type {number[]} */ p) => p.map((x, k) => app.scene.center[k] + app.scene.unit * x);
   const fromFile = (/** @type {number[]} */ p) => /** @type {Vec} */ (p.map((x, k) => (x - app.scene.center[k]) / app.scene.unit));
