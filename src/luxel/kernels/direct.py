@@ -58,7 +58,9 @@ def lambert_lanes(lights, shadows, tree, work, spare, x, y, z, nx, ny, nz, who, 
     room for 8 · 16 words.
     """
     sky = lights.sky
-    slope = _HALF * (_ONE + _TWO / np.float32(3) * fma(nx, splat(sky[2]), fma(ny, splat(sky[3]), nz * sky[4])))
+    slope = _HALF * (
+        _ONE + _TWO / np.float32(3) * fma(nx, splat(sky[2]), fma(ny, splat(sky[3]), nz * sky[4]))
+    )
     total = sky[1] + (sky[0] - sky[1]) * slope
     store(spare, LANES, x)
     store(spare, 2 * LANES, y)

@@ -14,15 +14,14 @@ import numpy as np
 from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import four_codes, prefetch_texels, side_of
-from luxel.kernels.mapping import CORNER_FIELDS, CORNER_STRIDE, texel_corners
+from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
 from luxel.kernels.memory import prefetch, take
-from luxel.kernels.shade import bilinear
 from luxel.kernels.simd import LANES, any_lane, fma, load, select, splat, store, vmax, vmin, vsqrt
-from luxel.kernels.tiles import RAYS, TILE, make_tile, place_of, trace_tile
+from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, place_of, trace_tile
 from luxel.kernels.tone import develop_rows
-from luxel.kernels.tree_trace import scratch
+from luxel.kernels.tree_trace import Scratch, scratch
 
-__all__ = ["Skin", "draw_frame", "gather_seen"]
+__all__ = ["Bench", "Skin", "draw_frame", "gather_seen", "make_bench"]
 
 _ZERO, _QUARTER, _ONE, _TWO = (np.float32(x) for x in (0, 0.25, 1, 2))
 # Rays closer than so many radii read textures at one point; the filter opens up over as much again.
@@ -31,7 +30,7 @@ _FINE = np.float32(0.2)
 _LIMB = np.float32(0.19)
 
 # Fields of `Hits.words`, RAYS words each.
-(_NX, _NY, _NZ, _DX, _DY, _DZ, _X, _Y, _Z, _T, _RADIUS, _LIGHT, _WEIGHT, _REACH, _CORNERS) = (RAYS * k for k in range(15))  # fmt: skip
+(_NX, _NY, _NZ, _DX, _DY, _DZ, _X, _Y, _Z, _T, _RADIUS, _LIGHT, _WEIGHT, _APART) = (RAYS * k for k in range(14))  # fmt: skip
 
 
 class Skin(NamedTuple):
@@ -49,17 +48,31 @@ class Hits(NamedTuple):
     """What the rays of one tile have hit."""
 
     words: np.ndarray
+    corners: np.ndarray  # (4 · 64,) int32 texels around each point
     who: np.ndarray  # (64,) int32 particle, -1 for none
     slot: np.ndarray  # (64,) int32 its texture, -1 for none
 
 
-@kernel
-def _make_hits():
-    count = 14 * RAYS + CORNER_FIELDS * CORNER_STRIDE
-    return Hits(np.zeros(count, np.float32), np.empty(RAYS, np.int32), np.empty(RAYS, np.int32))
+class Bench(NamedTuple):
+    """Working memory of one thread."""
+
+    tile: Tile
+    rays: Scratch
+    spare: np.ndarray
+    now: Hits
+    before: Hits
 
 
-@kernel(borrows=True)
+def make_bench(stack_size: int) -> Bench:
+    """Allocate the working memory of one thread; not a kernel."""
+    hits = [
+        Hits(np.zeros(16 * RAYS, np.float32), *(np.zeros(n * RAYS, np.int32) for n in (4, 1, 1)))
+        for _ in range(2)
+    ]
+    return Bench(make_tile(stack_size), scratch(stack_size), np.zeros(8 * LANES, np.float32), *hits)
+
+
+@kernel(inline=True, borrows=True)
 def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
     """Note which particles the rays of a tile hit, and where; ask for their textures."""
     spheres, ids, found = tree.spheres, tree.ids, tile.found
@@ -73,7 +86,7 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
             words[_RADIUS + j], words[_T + j] = _ONE, _ONE
             continue
         i = ids[place]
-        who[j] = i
+        who[j], slot[j] = i, -1
         words[_X + j], words[_Y + j] = spheres[place - 4 * LANES], spheres[place - 3 * LANES]
         words[_Z + j], words[_RADIUS + j] = spheres[place - 2 * LANES], spheres[place - LANES]
         words[_T + j] = tile.best[j]
@@ -102,38 +115,20 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
         store(words, _DY + v, dy)
         store(words, _DZ + v, dz)
         store(words, _RADIUS + v, vsqrt(load(words, _RADIUS + v)))
-        if textured:
-            texel_corners(skin.mapping, side, nx, ny, nz, words, _CORNERS + v)
+    if textured:
+        for v in range(0, RAYS, LANES):
+            some = False
             for j in range(v, v + LANES):
-                slot[j] = -1
                 if who[j] >= 0:
                     slot[j] = skin.slot[who[j]]
+                    some |= slot[j] >= 0
+            if some:
+                nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
+                texel_corners(skin.mapping, side, nx, ny, nz, words[_APART:], hits.corners, v)
+                for j in range(v, v + LANES):
                     if slot[j] >= 0:
-                        prefetch_texels(skin.texels, slot[j], int(words[_CORNERS + 2 * CORNER_STRIDE + j]))
-                        prefetch_texels(skin.texels, slot[j], int(words[_CORNERS + 4 * CORNER_STRIDE + j]))
-
-
-@kernel(borrows=True)
-def _add_lookups(skin, hits, v):
-    """Add weight times texture to the light of sixteen rays whose corners are known (paper 3.4)."""
-    words, decoding = hits.words, skin.decoding
-    for j in range(v, v + LANES):
-        s = hits.slot[j]
-        weight = words[_WEIGHT + j]
-        if s >= 0 and weight > 0:
-            at = _CORNERS + j
-            a, b = words[at], words[at + CORNER_STRIDE]
-            # Unsigned numbers need no look at whether they count from the end of an array.
-            p, q, r, t = four_codes(
-                skin.texels, np.uint32(s),
-                np.uint32(words[at + 2 * CORNER_STRIDE]), np.uint32(words[at + 6 * CORNER_STRIDE]),
-                np.uint32(words[at + 3 * CORNER_STRIDE]), np.uint32(words[at + 7 * CORNER_STRIDE]),
-                np.uint32(words[at + 4 * CORNER_STRIDE]), np.uint32(words[at + 8 * CORNER_STRIDE]),
-                np.uint32(words[at + 5 * CORNER_STRIDE]), np.uint32(words[at + 9 * CORNER_STRIDE]),
-            )  # fmt: skip
-            top = (_ONE - a) * decoding[p] + a * decoding[q]
-            low = (_ONE - a) * decoding[r] + a * decoding[t]
-            words[_LIGHT + j] += weight * ((_ONE - b) * top + b * low)
+                        prefetch_texels(skin.texels, slot[j], hits.corners[j])
+                        prefetch_texels(skin.texels, slot[j], hits.corners[2 * CORNER_STRIDE + j])
 
 
 @kernel(inline=True, borrows=True)
@@ -146,70 +141,61 @@ def _reaches(eye, step, t, dx, dy, dz, radius):
     return _QUARTER * gap * vmin(splat(_ONE), vmax(splat(_ZERO), gap / _FINE - _ONE))
 
 
-@kernel(borrows=True)
-def _filter(eye, skin, hits, v):
-    """Mean light over what each of sixteen rays stands for: four points around its hit, `_REACH` radii away.
+@kernel(inline=True, borrows=True)
+def _light_textures(eye, skin, hits, v, step):
+    """Write the light of those of sixteen rays whose particle has a texture (paper 3.4).
 
-    Without it, particles a few pixels wide sparkle: neighbouring rays fall on unrelated texels. The points lie in the
-    plane of the picture, so that their normals spread towards the limb.
+    Where rays lie far apart (`step`), it is the mean over what a ray stands for: four points around its hit, in the
+    plane of the picture, so that their normals spread towards the limb. Without it, particles a few pixels wide
+    sparkle: neighbouring rays fall on unrelated texels.
     """
-    words = hits.words
-    side = side_of(skin.texels)
+    words, corners, decoding = hits.words, hits.corners, skin.decoding
+    zero, one = splat(_ZERO), splat(_ONE)
     dx, dy, dz = load(words, _DX + v), load(words, _DY + v), load(words, _DZ + v)
     nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
-    reach = load(words, _REACH + v)
+    reach = zero
+    if step > 0:
+        reach = _reaches(eye, step, load(words, _T + v), dx, dy, dz, load(words, _RADIUS + v))
     # Axes across the ray, and the part of the normal across it: where on its disc the sphere is hit.
-    scale = _ONE / np.sqrt(
-        eye.right[0] * eye.right[0] + eye.right[1] * eye.right[1] + eye.right[2] * eye.right[2]
-    )
-    ax, ay, az = splat(scale * eye.right[0]), splat(scale * eye.right[1]), splat(scale * eye.right[2])
+    along = fma(nx, dx, fma(ny, dy, nz * dz))
+    qx, qy, qz = nx - along * dx, ny - along * dy, nz - along * dz
+    ax, ay, az = splat(eye.right[0]), splat(eye.right[1]), splat(eye.right[2])
+    scale = splat(_ONE) / vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
+    ax, ay, az = ax * scale, ay * scale, az * scale
     along = fma(ax, dx, fma(ay, dy, az * dz))
     ax, ay, az = ax - along * dx, ay - along * dy, az - along * dz
     bx, by, bz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
-    along = fma(nx, dx, fma(ny, dy, nz * dz))
-    qx, qy, qz = nx - along * dx, ny - along * dy, nz - along * dz
-    zero, one = splat(_ZERO), splat(_ONE)
     count = zero
-    for k in range(4):
-        sign_a, sign_b = _ONE if k & 1 else -_ONE, _ONE if k & 2 else -_ONE
-        a, b = sign_a * reach, sign_b * reach
-        px, py, pz = qx + a * ax + b * bx, qy + a * ay + b * by, qz + a * az + b * bz
-        rest = one - fma(px, px, fma(py, py, pz * pz))
-        c = vsqrt(vmax(rest, zero))
-        inside = select(rest > _LIMB, one, zero)
-        count = count + inside
-        store(words, _WEIGHT + v, inside)
-        texel_corners(skin.mapping, side, px - c * dx, py - c * dy, pz - c * dz, words, _CORNERS + v)
-        _add_lookups(skin, hits, v)
-    store(words, _WEIGHT + v, count)
-    for j in range(v, v + LANES):
-        if hits.slot[j] >= 0:
-            if words[_WEIGHT + j] > 0:
-                words[_LIGHT + j] /= words[_WEIGHT + j]
-            else:
-                words[_LIGHT + j] = bilinear(
-                    skin.mapping, skin.texels, skin.decoding, hits.slot[j], words[_NX + j], words[_NY + j], words[_NZ + j]
+    store(words, _LIGHT + v, zero)
+    for k in range(0 if any_lane(reach > zero) else 4, 5):
+        if k < 4:
+            a = reach if k & 1 else -reach
+            b = reach if k & 2 else -reach
+            px, py, pz = qx + a * ax + b * bx, qy + a * ay + b * by, qz + a * az + b * bz
+            rest = one - fma(px, px, fma(py, py, pz * pz))
+            c = vsqrt(vmax(rest, zero))
+            weight = select(rest > _LIMB, one, zero)
+            texel_corners(skin.mapping, side_of(skin.texels), px - c * dx, py - c * dy, pz - c * dz, words[_APART:], corners, v)  # fmt: skip
+        else:
+            weight = select(count > zero, zero, one)  # what has no such point is read where it is hit
+            if any_lane(count > zero):
+                texel_corners(skin.mapping, side_of(skin.texels), nx, ny, nz, words[_APART:], corners, v)
+        count = count + weight
+        store(words, _WEIGHT + v, weight)
+        for j in range(v, v + LANES):
+            s = hits.slot[j]
+            if s >= 0 and words[_WEIGHT + j] > 0:
+                p, q, r, t = four_codes(
+                    skin.texels, s, corners[j], corners[j + CORNER_STRIDE], corners[j + 2 * CORNER_STRIDE], corners[j + 3 * CORNER_STRIDE]
                 )  # fmt: skip
+                a, b = words[_APART + j], words[_APART + CORNER_STRIDE + j]
+                top = (_ONE - a) * decoding[p] + a * decoding[q]
+                low = (_ONE - a) * decoding[r] + a * decoding[t]
+                words[_LIGHT + j] += (_ONE - b) * top + b * low
+    store(words, _LIGHT + v, load(words, _LIGHT + v) / vmax(count, one))
 
 
-@kernel(borrows=True)
-def _light_textures(eye, skin, hits, v, step):
-    """Write the light of those of sixteen rays whose particle has a texture."""
-    words = hits.words
-    store(words, _LIGHT + v, splat(_ZERO))
-    if step > 0:
-        reach = _reaches(
-            eye, step, load(words, _T + v), load(words, _DX + v), load(words, _DY + v), load(words, _DZ + v), load(words, _RADIUS + v)
-        )  # fmt: skip
-        if any_lane(reach > splat(_ZERO)):
-            store(words, _REACH + v, reach)
-            _filter(eye, skin, hits, v)
-            return
-    store(words, _WEIGHT + v, splat(_ONE))
-    _add_lookups(skin, hits, v)
-
-
-@kernel(borrows=True)
+@kernel(inline=True, borrows=True)
 def _light_bare(tree, lights, work, spare, skin, hits, v, textured, shadows):
     """Write the light of those of sixteen rays whose particle has no texture: its coarse record, or else Lambert."""
     words, who, slot, coarse = hits.words, hits.who, hits.slot, skin.coarse
@@ -248,7 +234,7 @@ def _light_bare(tree, lights, work, spare, skin, hits, v, textured, shadows):
             words[_LIGHT + j] = words[_WEIGHT + j]
 
 
-@kernel(borrows=True)
+@kernel(inline=True, borrows=True)
 def _shade(tree, lights, eye, work, spare, skin, hits, step, textured, shadows, first, total, tx, ty):
     """Light what the rays of a tile have hit, and add it to `total`."""
     words, who, colors = hits.words, hits.who, skin.colors
@@ -264,7 +250,11 @@ def _shade(tree, lights, eye, work, spare, skin, hits, step, textured, shadows, 
             light = words[_LIGHT + j]
             pixel = total[y, x]
             if first:
-                pixel[0], pixel[1], pixel[2] = light * colors[i, 0], light * colors[i, 1], light * colors[i, 2]
+                pixel[0], pixel[1], pixel[2] = (
+                    light * colors[i, 0],
+                    light * colors[i, 1],
+                    light * colors[i, 2],
+                )
                 pixel[3], pixel[4] = light, _ONE
             else:
                 pixel[0] += light * colors[i, 0]
@@ -278,47 +268,21 @@ def _shade(tree, lights, eye, work, spare, skin, hits, step, textured, shadows, 
 
 @kernel(borrows=True)
 def _clear(total, tx, ty):
+    width = total.shape[1]
+    flat = total.reshape(-1)
     for y in range(ty, min(ty + TILE, total.shape[0])):
-        for x in range(tx, min(tx + TILE, total.shape[1])):
-            total[y, x, :] = _ZERO
+        for k in range(5 * (y * width + tx), 5 * (y * width + min(tx + TILE, width))):
+            flat[k] = _ZERO
 
 
 @kernel(borrows=True)
-def _draw(
-    tree, lights, eye, tile, work, spare, now, before, shift_x, shift_y, spacing, textured, shadows, first, skin, seen,
-    total, rays, tone, picture, counter,
-):  # fmt: skip
-    height, width = total.shape[0], total.shape[1]
-    step = _TWO * spacing / np.float32(width)
-    while True:
-        ty = take(counter, TILE)
-        if ty >= height:
-            return
-        waiting = -1  # column of the tile whose textures are under way
-        for tx in range(0, width, TILE):
-            if trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
-                _collect(tree, tile, now, skin, textured, seen, width, height, tx, ty)
-                if waiting >= 0:
-                    _shade(
-                        tree, lights, eye, work, spare, skin, before, step, textured, shadows, first, total, waiting, ty
-                    )  # fmt: skip
-                now, before = before, now
-                waiting = tx
-            elif first:
-                _clear(total, tx, ty)
-        if waiting >= 0:
-            _shade(tree, lights, eye, work, spare, skin, before, step, textured, shadows, first, total, waiting, ty)
-        if picture.shape[0] > 0:
-            develop_rows(total, rays, tone, ty, min(ty + TILE, height), picture)
-
-
-@kernel
 def draw_frame(
-    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, rays, tone, picture, counter
+    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, rays, tone, picture, bench, counter
 ):  # fmt: skip
     """Send one ray through (x + shift_x, y + shift_y) of every pixel and add what it brings to `total`.
 
-    Several threads may call with the same arguments at once, each on rows that it draws from `counter`.
+    Several threads may call with the same arguments at once, each with a bench of its own and on rows that it draws
+    from `counter`.
 
     Parameters
     ----------
@@ -341,11 +305,30 @@ def draw_frame(
     counter
         (1,) int64, the first row; 0 before the first call.
     """
-    _draw(
-        tree, lights, eye, make_tile(tree.stack_size), scratch(tree.stack_size), np.empty(8 * LANES, np.float32),
-        _make_hits(), _make_hits(), shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, rays, tone,
-        picture, counter,
-    )  # fmt: skip
+    height, width = total.shape[0], total.shape[1]
+    step = _TWO * spacing / np.float32(width)
+    now, before = bench.now, bench.before
+    while True:
+        ty = take(counter, TILE)
+        if ty >= height:
+            return
+        waiting = -1  # column of the tile whose textures are under way
+        for tx in range(0, width + TILE, TILE):
+            near = tx < width and trace_tile(tree, eye, bench.tile, width, height, tx, ty, shift_x, shift_y)
+            if near:
+                _collect(tree, bench.tile, now, skin, textured, seen, width, height, tx, ty)
+            elif tx < width:
+                if first:
+                    _clear(total, tx, ty)
+                continue
+            if waiting >= 0:
+                _shade(
+                    tree, lights, eye, bench.rays, bench.spare, skin, before, step, textured, shadows, first, total, waiting, ty
+                )  # fmt: skip
+            now, before = before, now
+            waiting = tx
+        if picture.shape[0] > 0:
+            develop_rows(total, rays, tone, ty, min(ty + TILE, height), picture)
 
 
 @kernel

@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.simd import LANES, fma, load, select, splat, store, vabs, vfloor, vmax, vmin, vsqrt
+from luxel.kernels.simd import LANES, fma, load, select, splat, store, to_int, vabs, vfloor, vmax, vmin, vsqrt
 from luxel.kernels.warp import turn, turns
 
 __all__ = [
-    "CORNER_FIELDS",
     "CORNER_STRIDE",
     "LATLONG",
     "OCTAHEDRAL",
@@ -146,8 +145,8 @@ def wrapped(mapping, texels, row, column):
     return row, column
 
 
-#: Words from one field to the next of what `texel_corners` writes, and how many fields there are.
-CORNER_STRIDE, CORNER_FIELDS = 64, 10
+#: Words from one field to the next of what `texel_corners` writes.
+CORNER_STRIDE = 64
 
 
 @kernel(inline=True)
@@ -156,7 +155,9 @@ def _quarters_lanes(y, x):
     low, high = vmin(x, y), vmax(x, y)
     t = low / vmax(high, splat(np.float32(1e-20)))
     s = t * t
-    p = fma(s, fma(s, splat(np.float32(0.0051549)), splat(np.float32(-0.02403348))), splat(np.float32(0.0539597)))
+    p = fma(
+        s, fma(s, splat(np.float32(0.0051549)), splat(np.float32(-0.02403348))), splat(np.float32(0.0539597))
+    )
     p = fma(s, fma(s, p, splat(np.float32(-0.08618352))), splat(np.float32(0.12665567)))
     p = t * fma(s, fma(s, p, splat(np.float32(-0.21217248))), splat(np.float32(0.63661957)))
     return select(y <= x, p, _ONE - p)
@@ -183,35 +184,33 @@ def _wrapped_columns(row, column, side):
 
 
 @kernel(inline=True, borrows=True)
-def texel_corners(mapping, side, x, y, z, words, at):
+def texel_corners(mapping, side, x, y, z, apart, corners, at):
     """The four texels around each of sixteen unit vectors, for bilinear lookups.
 
-    Writes to float32 `words`, from `at` on: how far the point lies across and down between the corners, [0, 1), then
-    the four rows and the four columns. The corners are those of `lookup.four_codes`.
+    Writes two fields to float32 `apart`, how far the point lies across and down between the corners, [0, 1), and four
+    to int32 `corners`, the texels as `lookup.four_codes` takes them; each field from `at` on.
     """
     if mapping == OCTAHEDRAL:
         step = CORNER_STRIDE
-        store(words, at, x)
-        store(words, at + step, y)
-        store(words, at + 2 * step, z)
+        for k, v in enumerate((x, y, z)):
+            store(apart, at + k * step, v)
         for k in range(at, at + LANES):
-            u, v = _octahedral_uv(words[k], words[k + step], words[k + 2 * step])
+            u, v = _octahedral_uv(apart[k], apart[k + step], apart[k + 2 * step])
             across, down = u * np.float32(side) - _HALF, v * np.float32(side) - _HALF
             column, row = int(np.floor(across)), int(np.floor(down))
-            words[k], words[k + step] = across - np.float32(column), down - np.float32(row)
+            apart[k], apart[k + step] = across - np.float32(column), down - np.float32(row)
             for corner in range(4):
                 r, c = wrapped(mapping, side, row + (corner >> 1), column + (corner & 1))
-                words[k + (2 + corner) * step], words[k + (6 + corner) * step] = np.float32(r), np.float32(c)
+                corners[k + corner * step] = r * side + c
         return
     u, v = _latlong_uv_lanes(x, y, z)
     across, down = u * np.float32(side) - _HALF, v * np.float32(side) - _HALF
     column, row = vfloor(across), vfloor(down)
-    store(words, at, across - column)
-    store(words, at + CORNER_STRIDE, down - row)
+    store(apart, at, across - column)
+    store(apart, at + CORNER_STRIDE, down - row)
     for corner in range(4):
         r, c = _wrapped_columns(row + np.float32(corner >> 1), column + np.float32(corner & 1), side)
-        store(words, at + (2 + corner) * CORNER_STRIDE, r)
-        store(words, at + (6 + corner) * CORNER_STRIDE, c)
+        store(corners, at + corner * CORNER_STRIDE, to_int(fma(r, splat(np.float32(side)), c)))
 
 
 @kernel

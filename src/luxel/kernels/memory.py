@@ -1,4 +1,4 @@
-"""What Numba lacks about memory: asking for it ahead of time, and a counter that several threads may share."""
+"""What Numba lacks about memory: flat indices, asking for it ahead of time, a counter that several threads may share."""
 
 from __future__ import annotations
 
@@ -6,9 +6,20 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-__all__ = ["prefetch", "take"]
+__all__ = ["item", "prefetch", "take"]
 
 _BYTE, _I32 = ir.IntType(8), ir.IntType(32)
+
+
+@intrinsic
+def item(typingctx, array, k):
+    """Element k of a contiguous array, counted through all its axes."""
+
+    def emit(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return context.unpack_value(builder, sig.return_type, builder.gep(data, [args[1]]))
+
+    return array.dtype(array, types.intp), emit
 
 
 @intrinsic

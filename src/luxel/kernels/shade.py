@@ -32,7 +32,7 @@ def bilinear(mapping, texels, decoding, slot, nx, ny, nz):
     r1, c1 = wrapped(mapping, side, row, column + 1)
     r2, c2 = wrapped(mapping, side, row + 1, column)
     r3, c3 = wrapped(mapping, side, row + 1, column + 1)
-    p, q, r, s = four_codes(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3)
+    p, q, r, s = four_codes(texels, slot, r0 * side + c0, r1 * side + c1, r2 * side + c2, r3 * side + c3)
     top = (_ONE - a) * decoding[p] + a * decoding[q]
     low = (_ONE - a) * decoding[r] + a * decoding[s]
     return (_ONE - b) * top + b * low

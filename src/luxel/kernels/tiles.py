@@ -46,7 +46,7 @@ __all__ = [
 TILE = 8
 RAYS = TILE * TILE
 _FAR = np.float32(1e30)
-_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+_ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0, 0.5, 1, 2))
 
 
 class Eye(NamedTuple):
@@ -69,7 +69,9 @@ class Tile(NamedTuple):
 
     rays: np.ndarray  # (6 · 64,) float32: origin x, y, z, direction x, y, z
     best: np.ndarray  # (64,) float32 distance
-    found: np.ndarray  # (64,) int32 word of the tree's leaves that holds the particle's id; -1 for the background
+    found: (
+        np.ndarray
+    )  # (64,) int32 word of the tree's leaves that holds the particle's id; -1 for the background
     places: np.ndarray  # (2 · 64,) float32: column and row of each ray within the tile
     planes: np.ndarray  # (6 · 4,) float32 normals and offsets: left, right, top, bottom, the two middles
     sides: np.ndarray  # (12,) int64 which face of a box lies farthest inside of each plane
@@ -155,21 +157,29 @@ def _aim(eye, tile, x, y, width, height):
         store(rays, 5 * RAYS + v, dz)
 
 
-@kernel(inline=True, borrows=True)
-def _put_plane(planes, p, eye, axis, line, sign):
-    """Write plane p: through the eye and the image line sx (axis right) or sy (axis up) = `line`.
+@kernel(borrows=True)
+def _put_planes(planes, eye, left, top, wide, high):
+    """Write six planes through the eye and a line of the picture: left, right, top, bottom, and the tile's two middles.
 
-    It is positive where sign · (sx - line) is.
+    The first four are positive inside of the tile, which goes from sx = `left` and sy = `top` over `wide` and `high`; the
+    middles are positive to the right and above.
     """
-    scale = _ONE / (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
-    nx, ny, nz, shift = axis[0] * scale, axis[1] * scale, axis[2] * scale, line
-    if not eye.orthographic:
-        nx, ny, nz = nx - line * eye.forward[0], ny - line * eye.forward[1], nz - line * eye.forward[2]
-        shift = _ZERO
-    norm = sign / np.sqrt(nx * nx + ny * ny + nz * nz)
-    nx, ny, nz = nx * norm, ny * norm, nz * norm
-    planes[4 * p], planes[4 * p + 1], planes[4 * p + 2] = nx, ny, nz
-    planes[4 * p + 3] = -(nx * eye.origin[0] + ny * eye.origin[1] + nz * eye.origin[2]) - shift * norm
+    for p in range(6):
+        upright = p < 2 or p == 4
+        axis = eye.right if upright else eye.up
+        part = _HALF if p >= 4 else np.float32(p & 1)
+        line = left + part * wide if upright else top - part * high
+        scale = _ONE / (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
+        tilt = _ZERO if eye.orthographic else line
+        nx = axis[0] * scale - tilt * eye.forward[0]
+        ny = axis[1] * scale - tilt * eye.forward[1]
+        nz = axis[2] * scale - tilt * eye.forward[2]
+        norm = (-_ONE if p == 1 or p == 2 else _ONE) / np.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx * norm, ny * norm, nz * norm
+        planes[4 * p], planes[4 * p + 1], planes[4 * p + 2] = nx, ny, nz
+        planes[4 * p + 3] = (
+            -(nx * eye.origin[0] + ny * eye.origin[1] + nz * eye.origin[2]) - (line - tilt) * norm
+        )
 
 
 @kernel(inline=True, borrows=True)
@@ -206,10 +216,7 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     wide, high = np.float32(TILE) * _TWO / np.float32(width), np.float32(TILE) * _TWO / np.float32(height)
     left = np.float32(tx) * (_TWO / np.float32(width)) - _ONE
     top = _ONE - np.float32(ty) * (_TWO / np.float32(height))
-    _put_plane(planes, 0, eye, eye.right, left, _ONE)
-    _put_plane(planes, 1, eye, eye.right, left + wide, -_ONE)
-    _put_plane(planes, 2, eye, eye.up, top, -_ONE)
-    _put_plane(planes, 3, eye, eye.up, top - high, _ONE)
+    _put_planes(planes, eye, left, top, wide, high)
     for c in range(4):
         for a in range(3):
             sides[3 * c + a] = ((3 if planes[4 * c + a] > 0 else 0) + a) * LANES
@@ -282,8 +289,6 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
                     for v in range(0, RAYS, LANES):
                         store(best, v, splat(_FAR))
                         store(found, v, splat_int(np.int32(-1)))
-                    _put_plane(planes, 4, eye, eye.right, left + np.float32(0.5) * wide, _ONE)
-                    _put_plane(planes, 5, eye, eye.up, top - np.float32(0.5) * high, _ONE)
                 ex, ey, ez = cx - ox, cy - oy, cz - oz
                 if ortho:
                     ahead = fma(ex, splat(fx), fma(ey, splat(fy), ez * fz))
