@@ -72,7 +72,9 @@ def luminance_scale(scene: Scene) -> float:
 def _levels(scene: Scene) -> tuple[float, float]:
     sky, direct = 0.0, 0.0
     lights = scene.effective_lights
-    if any(isinstance(light, SphereLight | QuadLight) for light in lights):  # bounds take a pass over all particles
+    if any(
+        isinstance(light, SphereLight | QuadLight) for light in lights
+    ):  # bounds take a pass over all particles
         low, high = scene.particles.bounds
     for light in lights:
         match light:

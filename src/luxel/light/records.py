@@ -17,7 +17,7 @@ _SETS = 64
 
 
 class RecordBook:
-    """Coarse light on the particles of one world; 17 bytes a particle. Safe to share between threads.
+    """Coarse light on the particles of one world; 16 bytes a particle. Safe to share between threads.
 
     A record depends on its particle alone: two threads that make it at once write the same.
     """
