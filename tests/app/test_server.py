@@ -6,6 +6,7 @@ import http.client
 import socket
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -15,12 +16,22 @@ import websocket
 
 import luxel
 from luxel.app import protocol
-from luxel.app.server import CLIENT_FOLDER, CLOSE_BAD_MESSAGE, CLOSE_UNAUTHORISED, CLOSE_WRONG_VERSION
+from luxel.app.limits import PAGES_MAX
+from luxel.app.server import (
+    CLIENT_FOLDER,
+    CLOSE_BAD_MESSAGE,
+    CLOSE_TOO_MANY,
+    CLOSE_UNAUTHORISED,
+    CLOSE_WRONG_VERSION,
+)
 from luxel.app.viewer import Viewer, view
 from luxel.errors import InputError
 from luxel.scene.lights import Sky, SphereLight, Sun, sun_direction
 from luxel.session import Session
+from luxel.textures.codecs import restore
 from luxel.textures.spec import TextureSpec
+from luxel.textures.store.bake import bake_to
+from luxel.textures.store.layout import CodecChoice
 from luxel.trace.spheres import SphereSet
 from tests.scenes import cloud
 
@@ -88,6 +99,10 @@ class Client:
                 return self.heard[-1]
         raise TimeoutError(f"no {kind.__name__} within {GUARD_S:g} s; heard {self.heard[-5:]}")
 
+    def last(self, kind: type[protocol.Message]) -> Any:
+        """The newest message of a kind so far."""
+        return next(each for each in reversed(self.heard) if isinstance(each, kind))
+
     def closed(self) -> tuple[int, str]:
         """Wait for the close frame; return its code and reason."""
         while True:
@@ -114,7 +129,7 @@ def token_path(viewer: Viewer) -> str:
 
 
 def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
-    for path in ("/", "/?token=guess", "/client/main.js", "/favicon.ico", "/nothing"):
+    for path in ("/", "/?token=guess", "/client/page.js", "/favicon.ico", "/nothing"):
         response, text = get(viewer, path)
         assert response.status == 403
         assert "token" in text
@@ -129,7 +144,7 @@ def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
         response, text = get(viewer, f"/client/{each.name}", Cookie=given)
         assert response.status == 200, each.name
         assert text == each.read_text()
-    assert get(viewer, "/client/main.js", Cookie=given[:-2])[0].status == 403
+    assert get(viewer, "/client/page.js", Cookie=given[:-2])[0].status == 403
 
 
 def test_nothing_outside_the_folder_is_served(viewer: Viewer) -> None:
@@ -188,7 +203,7 @@ def test_bad_messages_close_that_socket_only(viewer: Viewer) -> None:
     for say, hello in [
         (lambda c: c.socket.send("text"), True),
         (lambda c: c.socket.send_binary(b"\0" * 12), True),
-        (lambda c: c.send(protocol.Confirm(0, 0)), False),
+        (lambda c: c.send(protocol.Confirm(0, 0, 0)), False),
         (lambda c: c.send(bad_ids), True),
     ]:
         client = Client(viewer, hello=hello)
@@ -198,6 +213,26 @@ def test_bad_messages_close_that_socket_only(viewer: Viewer) -> None:
         assert reason
     good.send(protocol.ScalarRequest("value"))
     assert good.next(protocol.Scalar).name == "value"
+
+
+def test_more_pages_than_allowed_are_refused_and_the_others_stay(viewer: Viewer) -> None:
+    clients = [Client(viewer) for _ in range(PAGES_MAX)]
+    for client in clients:
+        client.next(protocol.SceneState)
+    code, reason = Client(viewer, hello=False).closed()
+    assert code == CLOSE_TOO_MANY
+    assert str(PAGES_MAX) in reason
+    clients.pop().socket.close()
+    clients[0].send(protocol.ColormapRequest("gray"))
+    clients[0].next(protocol.Colormap)
+
+
+def test_serving_beyond_this_machine_is_warned_about(caplog: pytest.LogCaptureFixture) -> None:
+    with view(cloud(5), host="0.0.0.0", block=False, open_browser=False, announce=lambda url: None):
+        assert "without encryption" in caplog.text
+    caplog.clear()
+    with view(cloud(5), block=False, open_browser=False, announce=lambda url: None):
+        assert not caplog.text
 
 
 def test_page_is_told_the_scene(viewer: Viewer) -> None:
@@ -279,7 +314,7 @@ def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
     confirmed = 0
     while sent < COUNT:
         confirmed += 1
-        client.send(protocol.Confirm(confirmed, 1))
+        client.send(protocol.Confirm(confirmed, 1, 0))
         sent += len(client.next(protocol.Tiles).ids)
     assert sent == COUNT
 
@@ -406,3 +441,52 @@ def test_wrong_use_is_refused(viewer: Viewer) -> None:
     taken = socket.create_server(("127.0.0.1", 0))
     with taken, pytest.raises(InputError, match="--port"):
         view(viewer.session, port=taken.getsockname()[1], block=False)
+
+
+def test_baked_textures_come_whole_and_once(tmp_path: Path) -> None:
+    spec = TextureSpec(mode="paper", samples=1, texels=TEXELS)
+    baked = bake_to(
+        tmp_path / "b.zarr",
+        [cloud(50), cloud(30)],
+        frames=[0, 1],
+        spec=spec,
+        model="shadows",
+        codec=CodecChoice("pca", components=3),
+    )
+    with (
+        Session(baked, threads=1) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
+    ):
+        client = Client(viewer)
+        for frame, count in enumerate((50, 30)):
+            if frame:
+                client.send(protocol.SetFrame(frame))
+            codec = client.next(protocol.CodecState)
+            assert codec.key == client.last(protocol.LightState).key == session.key
+            part = client.next(protocol.Payload)
+            assert (part.key, part.start) == (codec.key, 0)
+            assert part.records.shape == (count, codec.payload_bytes)
+            arrays = {name: getattr(codec, name) for name in ("offset", "basis")}
+            restored = restore(codec.description, arrays)
+            np.testing.assert_array_equal(restored.decode(part.records), baked[frame].textures.codes)
+            client.send(protocol.Sighted(codec.key, np.arange(count, dtype=np.int32), (0, 0, 5)))
+        client.send(protocol.ColormapRequest("viridis"))
+        client.next(protocol.Colormap)
+        assert not any(isinstance(each, protocol.Tiles | protocol.Coarse) for each in client.heard)
+        assert session.status().queued == 0
+
+
+def test_a_bake_too_large_for_a_page_comes_as_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("luxel.app.baked._PAYLOAD_BYTES_MAX", 50)
+    spec = TextureSpec(mode="paper", samples=1, texels=TEXELS)
+    baked = bake_to(tmp_path / "b.zarr", cloud(50), spec=spec, model="shadows")
+    with (
+        Session(baked, threads=1) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
+    ):
+        client = Client(viewer)
+        key = client.next(protocol.LightState).key
+        client.send(protocol.Sighted(key, np.array([7], np.int32), (0, 0, 5)))
+        tiles = client.next(protocol.Tiles)
+        np.testing.assert_array_equal(tiles.codes, baked[0].textures.codes[7:8])
+        assert not any(isinstance(each, protocol.CodecState) for each in client.heard)

@@ -17,8 +17,9 @@ from typing import Any
 import uvicorn
 
 from luxel.app.hub import Hub
+from luxel.app.limits import PAGES_MAX
 from luxel.app.protocol import CLIENT_BYTES_MAX
-from luxel.app.server import make_app
+from luxel.app.server import LOOPBACK, make_app
 from luxel.errors import InputError, LuxelError
 from luxel.kernels.jit import cold
 from luxel.scene.view import View
@@ -48,6 +49,12 @@ class Viewer:
         self.session = session
         self._owns_session = owns_session
         self._socket = _listen(host, port)
+        if host not in LOOPBACK:
+            _log.warning(
+                "serving on %s without encryption: whoever can read this network's traffic can read the address with its "
+                "token, and look — an SSH tunnel to 127.0.0.1 is safer",
+                host,
+            )
         token = secrets.token_urlsafe(24)
         bound = self._socket.getsockname()[1]
         shown = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(host, host)
@@ -59,6 +66,7 @@ class Viewer:
             access_log=False,
             server_header=False,
             ws_max_size=CLIENT_BYTES_MAX,
+            limit_concurrency=4 * PAGES_MAX,
             ws_per_message_deflate=False,  # tiles hardly shrink, and packing them would cost the light a thread
             timeout_graceful_shutdown=1,
         )
@@ -132,7 +140,8 @@ def view(
     view
         Camera, colours and tone to start with; overrides the session's.
     host, port
-        Where to listen; port 0 takes a free one. Anyone who can reach the address and knows the token can look.
+        Where to listen; port 0 takes a free one. Anyone who can reach the address and knows the token can look; an address
+        beyond this machine is warned about.
     open_browser
         Open a tab, if this machine has a screen.
     block

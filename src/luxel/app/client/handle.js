@@ -3,7 +3,7 @@
 /** @typedef {import("./camera.js").Camera} Camera */
 /** @typedef {import("./camera.js").Vec} Vec */
 
-/** @param {import("./main.js").App} app */
+/** @param {import("./app.js").App} app */
 export function handle(app) {
   const toFile = (/** @type {number[]} */ p) => p.map((x, k) => app.scene.center[k] + app.scene.unit * x);
   const fromFile = (/** @type {number[]} */ p) => /** @type {Vec} */ (p.map((x, k) => (x - app.scene.center[k]) / app.scene.unit));
@@ -18,7 +18,7 @@ export function handle(app) {
     /** Where things stand. */
     state: () => ({
       ...app.counts(),
-      requested: app.sight.requested, received: app.tilesReceived, evicted: app.tiles.evicted, dropped: app.tiles.dropped,
+      requested: app.sight.requested, received: app.tilesReceived, evicted: app.store.evicted, dropped: app.store.dropped, baked: app.baked?.description.kind ?? null,
       known: app.film.listed.central, settled: app.film.settled, particles: app.scene?.count ?? 0, loaded: app.renderer.loaded,
       samples: app.film.shown?.count ?? 0, frames: app.renderer.frameCount, frameMs: app.renderer.frameMs, fps: app.fps,
       width: app.canvas.width, height: app.canvas.height, key: app.light?.key ?? "", model: app.light?.model ?? "",

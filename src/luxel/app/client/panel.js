@@ -25,6 +25,7 @@ import { rgb } from "./colors.js";
  * @property {() => void} projection
  * @property {() => void} save
  * @property {() => void} layout the panel was shown or hidden
+ * @property {(title: string) => void} titled the data set has a name
  */
 
 const LIGHT_DELAY_MS = 120; // after the last movement of a slider
@@ -32,12 +33,18 @@ const MODEL_NAMES = /** @type {Record<string, string>} */ ({
   lambertian: "Lambertian", shadows: "Soft shadows", ao: "Ambient occlusion", interreflection: "Global illumination",
 });
 
-/** @template {HTMLElement} [T=HTMLInputElement] @param {string} id @returns {T} */
-export const element = (id) => {
-  const found = document.getElementById(id);
-  if (found === null) throw new Error(`the page has no element #${id}`);
-  return /** @type {T} */ (found);
-};
+/**
+ * Look up elements by id inside `root` only: a page may hold several apps.
+ * @param {HTMLElement} root
+ */
+export function finder(root) {
+  /** @template {HTMLElement} [T=HTMLInputElement] @param {string} id @returns {T} */
+  return (id) => {
+    const found = root.querySelector(`#${id}`);
+    if (found === null) throw new Error(`the page has no element #${id}`);
+    return /** @type {T} */ (found);
+  };
+}
 
 /** @param {HTMLSelectElement} select @param {[string, string][]} options value and text */
 function fill(select, options) {
@@ -54,8 +61,10 @@ function debounced(action, delay) {
 }
 
 export class Panel {
-  /** @param {Listener} listener */
-  constructor(listener) {
+  /** @param {HTMLElement} root @param {Listener} listener */
+  constructor(root, listener) {
+    this.root = root;
+    this.element = finder(root);
     this.listener = listener;
     this.diameter = 15;
     /** @type {Settings} */
@@ -65,7 +74,7 @@ export class Panel {
     const s = this.settings;
     /** @type {(id: string, type: string, action: (input: HTMLInputElement) => void) => void} */
     const on = (id, type, action) => {
-      const input = element(id);
+      const input = this.element(id);
       input.addEventListener(type, () => action(input));
     };
     on("color-by", "change", (input) => {
@@ -81,29 +90,29 @@ export class Panel {
     on("exposure", "input", (input) => { s.exposure = 2 ** input.valueAsNumber; this.show(); listener.tone(); });
     on("background", "input", (input) => { s.background = input.value; this.show(); listener.tone(); });
     on("model", "change", (input) => listener.light({ model: input.value }));
-    const sky = debounced(() => listener.light({ sky: element("sky").valueAsNumber }), LIGHT_DELAY_MS);
+    const sky = debounced(() => listener.light({ sky: this.element("sky").valueAsNumber }), LIGHT_DELAY_MS);
     const sun = debounced(() => listener.light({ sun: this.sun() }), LIGHT_DELAY_MS);
     on("sky", "input", () => { this.show(); sky(); });
     for (const id of ["sun", "azimuth", "elevation"]) on(id, "input", () => { this.show(); sun(); });
-    const frame = debounced(() => listener.frame(element("frame").valueAsNumber), LIGHT_DELAY_MS);
+    const frame = debounced(() => listener.frame(this.element("frame").valueAsNumber), LIGHT_DELAY_MS);
     on("frame", "input", () => { this.show(); frame(); });
     on("frame-all", "click", () => listener.fit());
     on("save", "click", () => listener.save());
     on("orthographic", "change", () => listener.projection());
-    for (const button of document.querySelectorAll("[data-axis]")) {
+    for (const button of root.querySelectorAll("[data-axis]")) {
       const axis = /** @type {HTMLElement} */ (button).dataset.axis ?? "x";
       button.addEventListener("click", (event) => listener.axis(axis, /** @type {MouseEvent} */ (event).shiftKey));
     }
     on("fold", "click", () => this.fold());
-    document.addEventListener("keydown", (event) => {
+    root.addEventListener("keydown", (event) => {
       const typing = event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement;
       if (event.key === "p" && !typing && !event.ctrlKey && !event.metaKey) this.fold();
     });
   }
 
   fold() {
-    const folded = document.body.classList.toggle("folded");
-    element("fold").setAttribute("aria-expanded", String(!folded));
+    const folded = this.root.classList.toggle("folded");
+    this.element("fold").setAttribute("aria-expanded", String(!folded));
     this.listener.layout();
   }
 
@@ -114,12 +123,12 @@ export class Panel {
 
   /** @returns {[number, number] | null} what is typed, if it makes sense */
   typedRange() {
-    const [low, high] = [element("low").valueAsNumber, element("high").valueAsNumber];
+    const [low, high] = [this.element("low").valueAsNumber, this.element("high").valueAsNumber];
     return low < high && (!this.settings.log || low > 0) ? [low, high] : null;
   }
 
   sun() {
-    return [element("azimuth").valueAsNumber, element("elevation").valueAsNumber, element("sun").valueAsNumber, this.diameter];
+    return [this.element("azimuth").valueAsNumber, this.element("elevation").valueAsNumber, this.element("sun").valueAsNumber, this.diameter];
   }
 
   /** Take over a data set and its view. @param {any} scene @param {boolean} keep the user's own settings */
@@ -134,61 +143,61 @@ export class Panel {
     }
     const names = /** @type {string[]} */ (scene.scalars.map((/** @type {any} */ each) => each.name));
     if (s.colorBy !== null && !names.includes(s.colorBy)) s.colorBy = null;
-    fill(element("color-by"), [["", "nothing"], ...names.map((name) => /** @type {[string, string]} */ ([name, name]))]);
+    fill(this.element("color-by"), [["", "nothing"], ...names.map((name) => /** @type {[string, string]} */ ([name, name]))]);
     const maps = /** @type {string[]} */ (scene.colormaps.includes(s.colormap) ? scene.colormaps : [s.colormap, ...scene.colormaps]);
-    fill(element("colormap"), maps.map((name) => [name, name]));
-    fill(element("model"), scene.models.map((/** @type {string} */ name) => [name, MODEL_NAMES[name] ?? name]));
-    element("title").textContent = scene.title;
-    document.title = `${scene.title} – luxel`;
+    fill(this.element("colormap"), maps.map((name) => [name, name]));
+    fill(this.element("model"), scene.models.map((/** @type {string} */ name) => [name, MODEL_NAMES[name] ?? name]));
+    this.element("title").textContent = scene.title;
+    this.listener.titled(scene.title);
     const time = scene.time === null ? "" : ` · t = ${Number(scene.time.toPrecision(6))}`;
-    element("summary").textContent = `${scene.count.toLocaleString("en")} particles${time}`;
-    element("time-part").hidden = scene.frame_count < 2;
-    element("frame").max = String(scene.frame_count - 1);
-    element("frame").value = String(scene.frame);
+    this.element("summary").textContent = `${scene.count.toLocaleString("en")} particles${time}`;
+    this.element("time-part").hidden = scene.frame_count < 2;
+    this.element("frame").max = String(scene.frame_count - 1);
+    this.element("frame").value = String(scene.frame);
     this.show();
   }
 
   /** @param {any} light head of a light message */
   setLight(light) {
-    element("model").value = light.model;
+    this.element("model").value = light.model;
     const { controls } = light;
     // A slider that is being dragged is ahead of the server; leave it alone.
     for (const id of ["sky", "sun", "azimuth", "elevation"]) {
-      const input = element(id);
-      if (document.activeElement !== input) input.value = String(controls[id] ?? 0);
+      const input = this.element(id);
+      if (!input.matches(":focus")) input.value = String(controls[id] ?? 0);
     }
     this.diameter = controls.diameter ?? this.diameter;
-    document.body.classList.toggle("no-lights", light.model === "ao");
+    this.root.classList.toggle("no-lights", light.model === "ao");
     this.show();
   }
 
   /** The range in use now, when it follows the data. @param {[number, number]} range */
   setShownRange(range) {
     if (this.settings.range !== null) return;
-    element("low").value = String(Number(range[0].toPrecision(5)));
-    element("high").value = String(Number(range[1].toPrecision(5)));
+    this.element("low").value = String(Number(range[0].toPrecision(5)));
+    this.element("high").value = String(Number(range[1].toPrecision(5)));
   }
 
   /** Bring the controls in line with the settings. */
   show() {
     const s = this.settings;
-    element("color-by").value = s.colorBy ?? "";
-    element("colormap").value = s.colormap;
-    element("log").checked = s.log;
-    element("auto").checked = s.range === null;
-    if (s.range !== null) [element("low").value, element("high").value] = s.range.map(String);
-    element("color").value = s.color;
-    element("background").value = s.background;
-    element("exposure").value = String(Math.log2(s.exposure));
+    this.element("color-by").value = s.colorBy ?? "";
+    this.element("colormap").value = s.colormap;
+    this.element("log").checked = s.log;
+    this.element("auto").checked = s.range === null;
+    if (s.range !== null) [this.element("low").value, this.element("high").value] = s.range.map(String);
+    this.element("color").value = s.color;
+    this.element("background").value = s.background;
+    this.element("exposure").value = String(Math.log2(s.exposure));
     const outputs = /** @type {Record<string, string>} */ ({
-      exposure: `× ${s.exposure.toFixed(2)}`, sky: element("sky").valueAsNumber.toFixed(2), sun: element("sun").valueAsNumber.toFixed(1),
-      azimuth: `${element("azimuth").value}°`, elevation: `${element("elevation").value}°`,
-      frame: `${element("frame").value} / ${element("frame").max}`,
+      exposure: `× ${s.exposure.toFixed(2)}`, sky: this.element("sky").valueAsNumber.toFixed(2), sun: this.element("sun").valueAsNumber.toFixed(1),
+      azimuth: `${this.element("azimuth").value}°`, elevation: `${this.element("elevation").value}°`,
+      frame: `${this.element("frame").value} / ${this.element("frame").max}`,
     });
-    for (const [id, text] of Object.entries(outputs)) element(`${id}-out`).textContent = text;
-    document.body.classList.toggle("uniform", s.colorBy === null);
-    document.body.classList.toggle("coloured", s.colorBy !== null);
+    for (const [id, text] of Object.entries(outputs)) this.element(`${id}-out`).textContent = text;
+    this.root.classList.toggle("uniform", s.colorBy === null);
+    this.root.classList.toggle("coloured", s.colorBy !== null);
     const [r, g, b] = rgb(s.background);
-    element("stage").classList.toggle("bright", 0.3 * r + 0.59 * g + 0.11 * b > 0.5);
+    this.element("stage").classList.toggle("bright", 0.3 * r + 0.59 * g + 0.11 * b > 0.5);
   }
 }

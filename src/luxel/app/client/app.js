@@ -1,16 +1,15 @@
-// The page: wires connection, data, picture and controls together.
+// The app: wires connection, data, picture and controls together, inside one element of whatever page it is in.
 
 import * as cameras from "./camera.js";
 import { CoarseStore } from "./coarse.js";
+import { BakedStore } from "./codecs.js";
 import { drawColorbar, grading, isCategorical, label, normalised, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
-import { handle } from "./handle.js";
-import { Panel, element } from "./panel.js";
-import { KIND, encode } from "./protocol.js";
+import { Panel, finder } from "./panel.js";
+import { KIND, decode, encode } from "./protocol.js";
 import { PARTICLES_WIDTH, Renderer } from "./renderer.js";
 import { Sight } from "./sight.js";
-import { Connection } from "./socket.js";
 import { TileStore } from "./tiles.js";
 
 /** @typedef {import("./camera.js").Camera} Camera */
@@ -21,11 +20,31 @@ const ATLAS_BYTES = 64 << 20;
 const PIXELS_MAX = 4_000_000;
 const ASK_MS = 200;
 
+/**
+ * What carries the bytes of messages: a socket, a notebook's comm, or a file that holds all there is to say.
+ * @typedef {object} Transport
+ * @property {() => void} open called once, when the app listens
+ * @property {() => void} close no calls come after it
+ * @property {(message: ArrayBuffer) => void} send dropped while there is no connection
+ * @property {boolean} connected
+ * @property {((message: ArrayBuffer) => void) | null} onmessage
+ * @property {((trouble: string | null) => void) | null} onstate with null when a connection is made, else with what is wrong, in words
+ */
+
 export class App {
-  constructor() {
-    this.stage = element("stage");
+  /**
+   * @param {HTMLElement} root holds the markup of index.html
+   * @param {Transport} connection
+   * @param {{titled?: (title: string) => void}} [host] the page around
+   */
+  constructor(root, connection, host = {}) {
+    this.root = root;
+    this.element = finder(root);
+    this.stage = this.element("stage");
     /** @type {HTMLCanvasElement} */
-    this.canvas = element("view");
+    this.canvas = this.element("view");
+    this.connection = connection;
+    this.closing = new AbortController();
     /** @type {any} */
     this.scene = null;
     /** @type {any} */
@@ -42,9 +61,11 @@ export class App {
     this.asked = new Set();
     this.tiles = new TileStore(0, 16, 0, PARTICLES_WIDTH);
     this.coarse = new CoarseStore(0, PARTICLES_WIDTH);
+    /** Textures that need no server, once they have come. @type {BakedStore | null} */
+    this.baked = null;
     this.sight = new Sight(0);
     this.askTimer = 0;
-    this.confirmed = { batches: 0, coarse: 0 };
+    this.confirmed = { batches: 0, coarse: 0, parts: 0 };
     this.tilesReceived = 0;
     this.coloring = "";
     this.scheduled = false;
@@ -53,7 +74,7 @@ export class App {
     this.fps = 0;
     /** @type {Map<string, string>} what the banner says, by cause */
     this.troubles = new Map();
-    this.panel = new Panel({
+    this.panel = new Panel(root, {
       color: () => this.colorChanged(),
       tone: () => this.toneChanged(),
       light: (change) => this.sendLight(change),
@@ -63,17 +84,17 @@ export class App {
       projection: () => this.changeCamera(cameras.toggleProjection),
       save: () => this.save(),
       layout: () => this.resize(),
+      titled: (title) => host.titled?.(title),
     });
     this.renderer = this.makeRenderer();
     this.film = this.makeFilm();
-    this.connection = new Connection(
-      (message) => this.receive(message),
-      () => {
-        this.confirmed = { batches: 0, coarse: 0 };
-        this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
-      },
-      (text) => this.trouble("connection", text),
-    );
+    connection.onmessage = (message) => this.receive(decode(message));
+    connection.onstate = (trouble) => {
+      this.trouble("connection", trouble);
+      if (trouble !== null) return;
+      this.confirmed = { batches: 0, coarse: 0, parts: 0 };
+      this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
+    };
     new Controls(this.canvas, {
       get: () => this.camera,
       set: (camera) => this.setCamera(camera),
@@ -82,14 +103,29 @@ export class App {
       click: (x, y) => this.pick(x, y),
     });
     this.canvas.addEventListener("webglcontextlost", (event) => {
+      if (this.closing.signal.aborted) return;
       event.preventDefault(); // or it would never come back
       this.trouble("graphics", "The graphics context was lost — waiting for the browser to restore it …");
       this.report("graphics context lost");
     });
     this.canvas.addEventListener("webglcontextrestored", () => this.restore());
-    new ResizeObserver(() => this.resize()).observe(this.stage);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.drawBar());
+    const { signal } = this.closing;
+    const resizes = new ResizeObserver(() => this.resize());
+    resizes.observe(this.stage);
+    signal.addEventListener("abort", () => resizes.disconnect());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.drawBar(), { signal });
     this.resize();
+    connection.open();
+  }
+
+  /** Give everything back; the root may be thrown away then. */
+  close() {
+    this.closing.abort();
+    clearTimeout(this.askTimer);
+    this.connection.onmessage = this.connection.onstate = null;
+    this.connection.close();
+    // Browsers keep few graphics contexts, and collect those without owner late.
+    this.renderer.gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 
   makeRenderer() {
@@ -117,6 +153,8 @@ export class App {
         return this.colorChanged();
       case KIND.tiles: return this.takeTiles(head, arrays);
       case KIND.coarse: return this.takeCoarse(head, arrays);
+      case KIND.codec: return this.takeCodec(head, arrays);
+      case KIND.payload: return this.takePayload(head, arrays);
       case KIND.status:
         this.status = head;
         this.trouble("light", head.error ? `Light: ${head.error}` : null);
@@ -138,8 +176,8 @@ export class App {
     this.guard(() => this.renderer.setScene(head.count, reach));
     this.tiles = new TileStore(head.count, head.texels, ATLAS_BYTES, PARTICLES_WIDTH);
     this.coarse = new CoarseStore(head.count, PARTICLES_WIDTH);
-    this.guard(() => this.renderer.setAtlas(this.tiles));
-    this.renderer.setTexels(head);
+    this.baked = null;
+    this.guard(() => this.renderer.sets[0].setTiles(this.tiles, this.coarse, head));
     this.sight = new Sight(head.count);
     this.panel.setScene(head, again);
     this.trouble("notice", head.notice || null);
@@ -165,9 +203,9 @@ export class App {
   }
 
   lightRenderer() {
-    this.renderer.light = this.light;
-    Object.assign(this.renderer.look, {
-      useTiles: this.light.model !== "lambertian", white: this.light.white, coarseScale: this.light.decoding[255],
+    const { light } = this;
+    Object.assign(this.renderer.sets[0], {
+      lights: light, textured: light.model !== "lambertian", white: light.white, coarseScale: light.decoding[255],
     });
   }
 
@@ -216,7 +254,32 @@ export class App {
     this.trouble("notice", null);
   }
 
-  /** Make room for more messages of a kind. @param {"batches" | "coarse"} which */
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takeCodec(head, arrays) {
+    if (head.key !== this.light?.key) return;
+    this.baked = new BakedStore({ ...head.description, mapping: this.scene.mapping, particles: head.particles, part: head.part, payload_bytes: head.payload_bytes }, arrays);
+    this.guard(() => this.renderer.sets[0].setBaked(this.baked));
+    this.film.lightChanged();
+    this.sight.askAgain();
+    this.schedule();
+  }
+
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takePayload(head, arrays) {
+    this.confirm("parts");
+    if (head.key !== this.light?.key || this.baked === null) return;
+    this.baked.put(head.start, arrays.records);
+    this.film.lightChanged();
+    this.trouble("notice", null);
+    this.schedule();
+  }
+
+  /** Where the textures of the current light are. */
+  get store() {
+    return this.baked ?? this.tiles;
+  }
+
+  /** Make room for more messages of a kind. @param {"batches" | "coarse" | "parts"} which */
   confirm(which) {
     this.confirmed[which]++;
     this.connection.send(encode(KIND.confirm, this.confirmed));
@@ -229,9 +292,9 @@ export class App {
 
   /** Tell the server what is visible and has no light yet. */
   ask() {
-    if (this.light === null || this.light.model === "lambertian" || this.camera === null) return;
     clearTimeout(this.askTimer);
-    const ids = this.sight.request(this.tiles, performance.now());
+    if (this.light === null || this.light.model === "lambertian" || this.camera === null || this.baked?.complete) return;
+    const ids = this.sight.request(this.store, performance.now());
     if (this.sight.waiting) this.askTimer = setTimeout(() => this.ask(), ASK_MS);
     if (ids !== null && ids.length) {
       this.connection.send(encode(KIND.sighted, { key: this.light.key, eye: this.camera.eye }, { ids: ids.slice() }));
@@ -287,7 +350,7 @@ export class App {
     const rows = lut.length / 3;
     const codes = isCategorical(scalar, rows, s.range, s.log);
     const labels = codes ? scalar.labels ?? Array.from({ length: Math.min(rows, 1 + Math.max(0, scalar.range[1])) }, (_, k) => String(k)) : null;
-    drawColorbar(element("bar"), {
+    drawColorbar(this.element("bar"), {
       lut, log: s.log, title: s.colorBy, labels,
       range: s.range ?? (s.log ? scalar.logRange : scalar.range),
       noData: scalar.values.some(Number.isNaN) ? s.noData : null,
@@ -351,7 +414,7 @@ export class App {
   /** @param {Camera} camera */
   setCamera(camera) {
     this.camera = camera;
-    element("orthographic").checked = camera.height !== null;
+    this.element("orthographic").checked = camera.height !== null;
     this.film.setCamera(camera);
     this.schedule();
   }
@@ -377,14 +440,14 @@ export class App {
     this.scheduled = true;
     requestAnimationFrame(() => {
       this.scheduled = false;
+      if (this.closing.signal.aborted) return;
       this.guard(() => this.step());
     });
   }
 
   step() {
     if (this.renderer.gl.isContextLost()) return;
-    this.renderer.uploadTiles(this.tiles);
-    this.renderer.uploadCoarse(this.coarse);
+    for (const set of this.renderer.sets) set.upload();
     const more = this.film.step();
     const now = performance.now();
     if (now - this.statusAt > 500) this.showStatus();
@@ -412,8 +475,8 @@ export class App {
       if (this.scene !== null) {
         this.renderer.setScene(this.scene.count, 4);
         this.renderer.setSpheres(0, this.sphereData);
-        this.renderer.setAtlas(this.tiles);
-        this.renderer.setTexels(this.scene);
+        this.renderer.sets[0].setTiles(this.tiles, this.coarse, this.scene);
+        this.renderer.sets[0].setBaked(this.baked);
       }
       if (this.light !== null) {
         this.lightRenderer();
@@ -443,23 +506,25 @@ export class App {
     const parts = [`${n(visible)} visible`];
     if (this.light?.model === "lambertian") {
       parts.push("no global light");
+    } else if (this.baked) {
+      parts.push(ready >= visible ? "baked light" : `${n(ready)} with baked light`);
     } else {
       parts.push(ready >= visible ? "all lit" : `${n(ready)} lit`);
       if (coarse) parts.push(`${n(coarse)} in first light`);
       if (this.status?.queued) parts.push(`${n(this.status.queued + this.status.baking)} queued`);
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
-      if (this.tiles.dropped) parts.push("texture memory full");
+      if (this.store.dropped) parts.push("texture memory full");
     }
     if (this.fps >= 0.5) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
-    element("counts").textContent = parts.join("  ·  ");
+    this.element("counts").textContent = parts.join("  ·  ");
     /** @type {HTMLProgressElement} */
-    const progress = element("progress");
+    const progress = this.element("progress");
     progress.value = visible ? ready / visible : 0;
     progress.hidden = this.light?.model === "lambertian" || ready >= visible;
   }
 
   counts() {
-    return { visible: this.sight.count, ...this.sight.litCount(this.tiles, this.coarse) };
+    return { visible: this.sight.count, ...this.sight.litCount(this.store, this.coarse) };
   }
 
   /** Say what is wrong, or that it no longer is. @param {string} cause @param {string | null} text @param {boolean} [passing] goes away by itself */
@@ -471,7 +536,7 @@ export class App {
         if (this.troubles.get(cause) === text) this.trouble(cause, null);
       }, 8000);
     }
-    const banner = element("banner");
+    const banner = this.element("banner");
     banner.textContent = [...this.troubles.values()].join("\n");
     banner.hidden = this.troubles.size === 0;
     banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice"));
@@ -482,7 +547,7 @@ export class App {
     if (this.camera === null || this.scene === null) return;
     const { width, height, ids } = this.renderer.capture(this.camera);
     const id = ids[Math.min(height - 1, Math.floor((1 - y) * height)) * width + Math.min(width - 1, Math.floor(x * width))];
-    const readout = element("readout");
+    const readout = this.element("readout");
     readout.hidden = id < 0;
     if (id < 0) return;
     const { center, unit } = this.scene;
@@ -509,14 +574,4 @@ export class App {
       setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
     });
   }
-}
-
-try {
-  const app = new App();
-  Object.assign(window, { luxel: handle(app) });
-} catch (error) {
-  const banner = element("banner");
-  banner.textContent = error instanceof Error ? error.message : String(error);
-  banner.hidden = false;
-  throw error;
 }
