@@ -213,7 +213,7 @@ def test_textures_are_prepared_though_ever_new_particles_come_into_sight():
     stage = Stage(count=120_000, texels=16)
     stage.select("day")
     for step in range(40):  # more of them than a piece of first light takes
-        stage.request("day", np.arange(3000 * step, 3000 * (step + 1)))
+        stage.request("day", np.append(np.arange(3000 * step + 1, 3000 * (step + 1)), 0))
         stage.engine.run_once()
         stage.clock.now_s += 0.1
         if stage.heard:
