@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from luxel.kernels import FIRST_LIGHT
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import lambert
 from luxel.kernels.lookup import four_codes, side_of
@@ -125,7 +126,7 @@ def shade_textures(
 ):
     """Add rows [first_row, last_row) to `total` (H, W, 5): luminance times colour, luminance, coverage.
 
-    Particles without a texture (slot -1) are shaded by their coarse record, or else by closed-form Lambert.
+    Particles without a texture are shaded by their coarse record where slot is `FIRST_LIGHT`, or else by closed-form Lambert.
     `spacing` is the distance between the rays of the picture, in pixels: textures are filtered over it.
     """
     height, width = ids.shape
@@ -146,7 +147,7 @@ def shade_textures(
                     luminance = _filtered(mapping, texels, decoding, s, eye, dx, dy, dz, nx, ny, nz, reach)
                 else:
                     luminance = bilinear(mapping, texels, decoding, s, nx, ny, nz)
-            elif sphere < coarse.shape[0] and coarse[sphere, 0] >= 0:
+            elif s == FIRST_LIGHT and sphere < coarse.shape[0]:
                 c = coarse[sphere]
                 luminance = max(_ZERO, c[0] + c[1] * nx + c[2] * ny + c[3] * nz)
             else:
