@@ -62,7 +62,7 @@ export class Renderer {
     this.frameCount = 0;
     this.doneAt = 0;
     this.look = {
-      uniform: true, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, white: 1,
+      uniform: true, packed: false, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, white: 1,
       top: [0, 0, 0], bottom: [0, 0, 0], useTiles: false, texels: 16, mapping: 0, coarseScale: 1,
     };
     /** @type {any} */
@@ -116,7 +116,7 @@ export class Renderer {
     this.loaded = Math.max(this.loaded, start + spheres.length / 4);
   }
 
-  /** @param {Float32Array} values (N,) positions in the colour map, negative for no data */
+  /** @param {Float32Array} values (N,) positions in the colour map, or packed colours; negative for no data */
   setValues(values) {
     uploadRows(this.values, values, 0, 1);
   }
@@ -259,7 +259,7 @@ export class Renderer {
       .texture("uCoarse", this.coarse).float("uCoarseScale", this.look.coarseScale)
       .int("uTexels", this.look.texels).int("uMapping", this.look.mapping).int("uUseTiles", this.look.useTiles ? 1 : 0)
       .int("uUseCoarse", this.useCoarse && this.look.useTiles ? 1 : 0)
-      .int("uUniform", this.look.uniform ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
+      .int("uUniform", this.look.uniform ? 1 : 0).int("uPacked", this.look.packed ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
     // Samples after the first fall between: together they need no filter, which would only blur them.
     shade.float("uSpacing", first ? 1 : 0);
     this.setLights(shade);

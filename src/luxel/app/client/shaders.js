@@ -116,7 +116,7 @@ export const LIGHTS_MAX = 8;
 /** Luminance and colour of what the id buffer holds; sums of samples, tone comes later. */
 export const SHADE_FRAGMENT = HEAD + CAMERA + `
 uniform usampler2D uIds;
-uniform sampler2D uValues;      // position in the colour map; negative is no data
+uniform sampler2D uValues;      // position in the colour map, or a packed colour; negative is no data
 uniform sampler2D uLut;         // linear light
 uniform isampler2D uSlots;      // slot + generation << 24, or -1
 uniform usampler2DArray uAtlas; // tiles one after the other, 2048 bytes a row
@@ -125,7 +125,7 @@ uniform int uTexels, uMapping;  // mapping 0: latitude-longitude, 1: octahedral
 uniform sampler2D uCoarse;      // first light; red < 0 where there is none
 uniform float uCoarseScale;
 uniform float uSpacing;         // of the picture's rays, in pixels
-uniform bool uUseTiles, uUseCoarse, uUniform;
+uniform bool uUseTiles, uUseCoarse, uUniform, uPacked;
 uniform vec3 uColor, uNoData;   // linear light
 uniform vec3 uEye;
 uniform vec2 uSky;              // level, ground
@@ -226,6 +226,10 @@ vec3 colorOf(int id) {
   if (uUniform) return uColor;
   float x = texelFetch(uValues, place(id, textureSize(uValues, 0).x), 0).r;
   if (x < 0.0) return uNoData;
+  if (uPacked) {
+    vec3 c = vec3(ivec3(int(x)) >> ivec3(16, 8, 0) & 255) / 255.0;
+    return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), greaterThan(c, vec3(0.04045)));
+  }
   int rows = textureSize(uLut, 0).x;
   return texelFetch(uLut, ivec2(min(rows - 1, int(x * float(rows))), 0), 0).rgb;
 }
