@@ -28,7 +28,7 @@ const ASK_MS = 200;
  * @property {boolean} connected
  * @property {((message: ArrayBuffer) => void) | null} onmessage
  * @property {(() => void) | null} onopen a connection is made, perhaps anew: nothing that was said before counts any more
- * @property {((trouble: string | null) => void) | null} ontrouble what is wrong, in words; null when it no longer is
+ * @property {((trouble: string | null, mild?: boolean) => void) | null} ontrouble what is wrong, in words; null when it no longer is
  */
 
 export class App {
@@ -87,7 +87,10 @@ export class App {
     this.renderer = this.makeRenderer();
     this.film = this.makeFilm();
     connection.onmessage = (message) => this.receive(decode(message));
-    connection.ontrouble = (trouble) => this.trouble("connection", trouble);
+    connection.ontrouble = (trouble, mild = false) => {
+      this.trouble("connection", mild ? null : trouble);
+      this.trouble("waiting", mild ? trouble : null);
+    };
     connection.onopen = () => {
       this.confirmed = { batches: 0, coarse: 0 };
       this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
@@ -435,12 +438,16 @@ export class App {
 
   step() {
     if (this.renderer.gl.isContextLost()) return;
-    this.renderer.uploadTiles(this.tiles);
-    this.renderer.uploadCoarse(this.coarse);
+    this.upload();
     const more = this.film.step();
     const now = performance.now();
     if (now - this.statusAt > 500) this.showStatus();
     if (more) this.schedule();
+  }
+
+  upload() {
+    this.renderer.uploadTiles(this.tiles);
+    this.renderer.uploadCoarse(this.coarse);
   }
 
   /** Run what may fail for lack of graphics, and say so. @param {() => void} action */
@@ -526,7 +533,7 @@ export class App {
     const banner = this.element("banner");
     banner.textContent = [...this.troubles.values()].join("\n");
     banner.hidden = this.troubles.size === 0;
-    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice"));
+    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice" || key === "waiting"));
   }
 
   /** Tell about the particle at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */

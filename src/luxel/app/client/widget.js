@@ -61,14 +61,19 @@ export class CommTransport {
 
   /** @param {string} what @param {object} [more] @param {ArrayBuffer[]} [buffers] */
   tell(what, more = {}, buffers = []) {
-    this.model.send({ page: this.page, do: what, ...more }, undefined, buffers);
+    try {
+      this.model.send({ page: this.page, do: what, ...more }, undefined, buffers);
+    } catch {
+      this.lost(); // JupyterLab throws once the kernel that made the widget is gone
+    }
   }
 
   /** Find out whether the kernel answers: while it runs a cell, it does not. */
   ping() {
     if (this.timer) return;
     this.tell("ping");
-    this.timer = setTimeout(() => this.ontrouble?.("The kernel does not answer: it runs a cell, or has ended."), PATIENCE_MS);
+    if (this.timer) return; // the kernel is gone
+    this.timer = setTimeout(() => this.ontrouble?.("Waiting for the kernel: it runs a cell, or has ended.", true), PATIENCE_MS);
   }
 
   /** @param {Content} content @param {(DataView | ArrayBuffer)[]} buffers */
