@@ -19,11 +19,14 @@ from luxel.dynamic.work import CoarseBatch, CoarseListener, Listener, TileBaker,
 from luxel.errors import FormatError, FrameError, InputError, SessionClosedError
 from luxel.light.lights import luminance_scale
 from luxel.particles import Particles
+from luxel.scene.hiding import Condition
 from luxel.scene.lights import Light
+from luxel.scene.periodic import parse_axes
+from luxel.scene.saved import Lighting
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec, light_key
-from luxel.textures.store.reader import Baked
+from luxel.textures.store.reader import Baked, BakedFrame
 from luxel.textures.store.source import StoredBaker
 from luxel.textures.textures import Encoding, TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
@@ -97,8 +100,12 @@ class Session:
         lights, model, albedo, ao_distance, periodic and spec are the store's.
     frame
         Which time step; None means the first with particles.
-    lights, model, albedo, ao_distance, periodic
+    lights, model, albedo, ao_distance, periodic, hide
         See :class:`luxel.Scene`.
+    radius_scale
+        Factor on all radii.
+    lighting
+        All of the above in one, instead.
     spec
         How textures are made.
     view
@@ -135,6 +142,9 @@ class Session:
         albedo: float = 0.7,
         ao_distance: float | None = None,
         periodic: str | Sequence[bool] = "",
+        hide: Condition | Sequence[Condition] = (),
+        radius_scale: float = 1.0,
+        lighting: Lighting | None = None,
         spec: TextureSpec | None = None,
         view: View | None = None,
         threads: int | None = None,
@@ -155,7 +165,7 @@ class Session:
         self._closed = False
         self.series: Sequence[Particles]
         if isinstance(series, Scene):
-            self.series, scene = (series.particles,), series
+            self.series, scene = (series.particles.unscaled,), series
             frame = self._check_frame(frame or 0)
         elif isinstance(series, Baked):
             self.series = series.series
@@ -164,7 +174,10 @@ class Session:
         else:
             self.series = (series,) if isinstance(series, Particles) else series
             frame = self._check_frame(_first_frame(self.series) if frame is None else frame)
-            scene = Scene(self.series[frame], lights, model, albedo, ao_distance, periodic)
+            if lighting is None:
+                axes = parse_axes(periodic)
+                lighting = Lighting(model, lights, albedo, ao_distance, axes, 8, hide, radius_scale)
+            scene = lighting.scene(self.series[frame])
         self._lit = self._light(frame, scene)
 
     @property
@@ -191,6 +204,11 @@ class Session:
     def scale(self) -> float:
         """Luminance of code 255 under the current light."""
         return self._lit.scale
+
+    @property
+    def stored(self) -> BakedFrame | None:
+        """The stored frame whose textures are shown; None where light is computed."""
+        return None if self._baked is None else self._baked[self._lit.frame]
 
     @property
     def encoding(self) -> Encoding:
@@ -265,6 +283,8 @@ class Session:
         lights: Sequence[Light] | None = None,
         albedo: float | None = None,
         ao_distance: float | EllipsisType | None = ...,
+        hide: Condition | Sequence[Condition] | None = None,
+        radius_scale: float | None = None,
     ) -> str:
         """Change the light; return the new light key. What is not given stays.
 
@@ -279,12 +299,14 @@ class Session:
             raise InputError(
                 f"the light of {self._baked.path} is baked in — bake again with another, or open the particle file"
             )
-        changes: dict[str, Any] = {"model": model, "lights": lights, "albedo": albedo}
+        changes: dict[str, Any] = {"model": model, "lights": lights, "albedo": albedo, "hide": hide}
         changes = {name: value for name, value in changes.items() if value is not None}
         if ao_distance is not ...:
             changes["ao_distance"] = ao_distance
         with self._lock:
             self._check_open()
+            if radius_scale is not None:
+                changes["particles"] = self.particles.scaled(radius_scale)
             self._lit = self._light(self._lit.frame, self._lit.scene.with_changes(**changes))
             return self._lit.key
 
@@ -302,7 +324,8 @@ class Session:
             self._check_open()
             k = self._check_frame(k)
             if k != self._lit.frame:
-                self._lit = self._light(k, self._lit.scene.with_changes(particles=self.series[k]))
+                particles = self.series[k].scaled(self.particles.radius_scale)
+                self._lit = self._light(k, self._lit.scene.with_changes(particles=particles))
             return self._lit.key
 
     def status(self) -> Status:

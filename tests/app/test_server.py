@@ -6,6 +6,7 @@ import http.client
 import socket
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -27,7 +28,10 @@ from luxel.app.viewer import Viewer, view
 from luxel.errors import InputError
 from luxel.scene.lights import Sky, SphereLight, Sun, sun_direction
 from luxel.session import Session
+from luxel.textures.codecs import restore
 from luxel.textures.spec import TextureSpec
+from luxel.textures.store.bake import bake_to
+from luxel.textures.store.layout import CodecChoice
 from luxel.trace.spheres import SphereSet
 from tests.scenes import cloud
 
@@ -94,6 +98,10 @@ class Client:
             if isinstance(self.heard[-1], kind):
                 return self.heard[-1]
         raise TimeoutError(f"no {kind.__name__} within {GUARD_S:g} s; heard {self.heard[-5:]}")
+
+    def last(self, kind: type[protocol.Message]) -> Any:
+        """The newest message of a kind so far."""
+        return next(each for each in reversed(self.heard) if isinstance(each, kind))
 
     def closed(self) -> tuple[int, str]:
         """Wait for the close frame; return its code and reason."""
@@ -195,7 +203,7 @@ def test_bad_messages_close_that_socket_only(viewer: Viewer) -> None:
     for say, hello in [
         (lambda c: c.socket.send("text"), True),
         (lambda c: c.socket.send_binary(b"\0" * 12), True),
-        (lambda c: c.send(protocol.Confirm(0, 0)), False),
+        (lambda c: c.send(protocol.Confirm(0, 0, 0)), False),
         (lambda c: c.send(bad_ids), True),
     ]:
         client = Client(viewer, hello=hello)
@@ -306,7 +314,7 @@ def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
     confirmed = 0
     while sent < COUNT:
         confirmed += 1
-        client.send(protocol.Confirm(confirmed, 1))
+        client.send(protocol.Confirm(confirmed, 1, 0))
         sent += len(client.next(protocol.Tiles).ids)
     assert sent == COUNT
 
@@ -433,3 +441,52 @@ def test_wrong_use_is_refused(viewer: Viewer) -> None:
     taken = socket.create_server(("127.0.0.1", 0))
     with taken, pytest.raises(InputError, match="--port"):
         view(viewer.session, port=taken.getsockname()[1], block=False)
+
+
+def test_baked_textures_come_whole_and_once(tmp_path: Path) -> None:
+    spec = TextureSpec(mode="paper", samples=1, texels=TEXELS)
+    baked = bake_to(
+        tmp_path / "b.zarr",
+        [cloud(50), cloud(30)],
+        frames=[0, 1],
+        spec=spec,
+        model="shadows",
+        codec=CodecChoice("pca", components=3),
+    )
+    with (
+        Session(baked, threads=1) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
+    ):
+        client = Client(viewer)
+        for frame, count in enumerate((50, 30)):
+            if frame:
+                client.send(protocol.SetFrame(frame))
+            codec = client.next(protocol.CodecState)
+            assert codec.key == client.last(protocol.LightState).key == session.key
+            part = client.next(protocol.Payload)
+            assert (part.key, part.start) == (codec.key, 0)
+            assert part.records.shape == (count, codec.payload_bytes)
+            arrays = {name: getattr(codec, name) for name in ("offset", "basis")}
+            restored = restore(codec.description, arrays)
+            np.testing.assert_array_equal(restored.decode(part.records), baked[frame].textures.codes)
+            client.send(protocol.Sighted(codec.key, np.arange(count, dtype=np.int32), (0, 0, 5)))
+        client.send(protocol.ColormapRequest("viridis"))
+        client.next(protocol.Colormap)
+        assert not any(isinstance(each, protocol.Tiles | protocol.Coarse) for each in client.heard)
+        assert session.status().queued == 0
+
+
+def test_a_bake_too_large_for_a_page_comes_as_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("luxel.app.baked._PAYLOAD_BYTES_MAX", 50)
+    spec = TextureSpec(mode="paper", samples=1, texels=TEXELS)
+    baked = bake_to(tmp_path / "b.zarr", cloud(50), spec=spec, model="shadows")
+    with (
+        Session(baked, threads=1) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
+    ):
+        client = Client(viewer)
+        key = client.next(protocol.LightState).key
+        client.send(protocol.Sighted(key, np.array([7], np.int32), (0, 0, 5)))
+        tiles = client.next(protocol.Tiles)
+        np.testing.assert_array_equal(tiles.codes, baked[0].textures.codes[7:8])
+        assert not any(isinstance(each, protocol.CodecState) for each in client.heard)

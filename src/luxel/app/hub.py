@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from luxel.app import protocol, state
+from luxel.app import baked, protocol, state
 from luxel.app.feed import Feed
 from luxel.dynamic.work import CoarseBatch, TileBatch
 from luxel.errors import InputError, LuxelError, ProtocolError
 from luxel.kernels.jit import cold
 from luxel.particles import Particles
 from luxel.session import Session
+from luxel.textures.store.reader import BakedFrame
 from luxel.trace.spheres import SphereSet
 
 __all__ = ["Hub", "Page", "cold_notice"]
@@ -45,6 +46,7 @@ class Page:
         self.name = name
         self.feed = Feed()
         self.coarse = Feed(_COARSE_COUNT, once=True)
+        self.parts = baked.PartFeed()
         self.greeted = False
         self.wake = asyncio.Event()
         self._outbox: dict[object, Callable[[], protocol.Message]] = {}
@@ -59,6 +61,7 @@ class Page:
         """Forget what it wants and has: another light, or another data set of `count` particles."""
         self.feed.reset(count)
         self.coarse.reset(count)
+        self.parts.reset()
 
     def clear(self) -> None:
         """Drop what has not been sent: it is about another data set."""
@@ -86,11 +89,14 @@ class Hub:
         self._epoch = 0
         self._particles: Particles | None = None
         self._key = ""
+        self._baked: BakedFrame | None = None  # what pages get whole, instead of tiles
+        self._baked_read = False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._unsubscribe: tuple[Callable[[], None], ...] = ()
         self._status_timer: asyncio.TimerHandle | None = None
         self._status_sent: protocol.Status | None = None
         self._chase: asyncio.Future[None] | None = None
+        self._reading: asyncio.Future[None] | None = None
 
     def start(self) -> None:
         """Begin to listen to the session; called on the event loop."""
@@ -149,6 +155,8 @@ class Hub:
             if len(batch.ids):
                 return protocol.Tiles(self._key, batch.ids, batch.codes)
             page.feed.withdraw()  # evicted meanwhile; the page will ask again
+        if self._baked is not None and (part := page.parts.take()) is not None:
+            return baked.payload(self._baked, part)
         return None
 
     async def _act(self, page: Page, message: protocol.ClientMessage) -> None:
@@ -157,8 +165,8 @@ class Hub:
                 _log.info(
                     "%s connected, drawing with %s", page.name, _clean(message.renderer) or "unknown hardware"
                 )
-                page.greeted = True
                 await self._catch_up()
+                page.greeted = True
                 self._introduce(page)
                 self._status_soon()
             case protocol.Sighted():
@@ -166,6 +174,7 @@ class Hub:
             case protocol.Confirm():
                 page.feed.confirm(message.batches)
                 page.coarse.confirm(message.coarse)
+                page.parts.confirm(message.parts)
                 page.wake.set()
             case protocol.SetLight():
                 await self._set_light(message)
@@ -191,6 +200,9 @@ class Hub:
         ids = np.unique(message.ids)
         if len(ids) and (ids[0] < 0 or ids[-1] >= len(particles)):
             raise ProtocolError(f"ids must lie in 0..{len(particles) - 1}, got {ids[0]}..{ids[-1]}")
+        if self._baked is not None:
+            page.parts.want(ids)
+            return
         page.feed.want(ids)
         page.coarse.want(ids)
         spheres = SphereSet.of(particles)
@@ -230,6 +242,11 @@ class Hub:
                 return  # two pages came at once, and all is told already
             self._particles, self._key = particles, session.key
             self._epoch += 1
+            stored = session.stored
+            self._baked = stored if stored is not None and baked.fits_page(stored) else None
+            self._baked_read = False
+            if self._baked is not None:
+                self._reading = asyncio.ensure_future(self._read_baked(self._baked))
             for page in self.pages:
                 if page.greeted:
                     page.clear()
@@ -253,6 +270,30 @@ class Hub:
         for part in state.geometry(particles, epoch):
             page.post(("geometry", part.start), functools.partial(_same, part))
         page.post("status", functools.partial(state.status, self.session))
+        if self._baked_read:
+            self._offer(page)
+
+    async def _read_baked(self, frame: BakedFrame) -> None:
+        """Read textures from disk, which takes a while for millions, then offer them to all pages."""
+        try:
+            await asyncio.to_thread(lambda: (frame.codec, frame.payload))
+        except LuxelError as error:
+            text = str(error)
+            for page in self.pages:
+                page.post("error", lambda: protocol.Error(text))
+            return
+        if frame is self._baked:
+            self._baked_read = True
+            for page in self.pages:
+                if page.greeted:
+                    self._offer(page)
+
+    def _offer(self, page: Page) -> None:
+        """Post how textures are decoded; the textures follow."""
+        frame = self._baked
+        assert frame is not None
+        page.post("codec", functools.partial(baked.codec_state, frame))
+        page.parts.reset(frame.count, baked.part_size(frame.count, frame.payload_bytes))
 
     def _hear(self, batch: TileBatch | CoarseBatch) -> None:
         """Hear of finished work; called from the worker threads of the session."""

@@ -20,6 +20,7 @@ __all__ = [
     "SUBPROTOCOL",
     "ClientMessage",
     "Coarse",
+    "CodecState",
     "Colormap",
     "ColormapRequest",
     "Confirm",
@@ -28,6 +29,7 @@ __all__ = [
     "Hello",
     "LightState",
     "Message",
+    "Payload",
     "Report",
     "Scalar",
     "ScalarRequest",
@@ -41,7 +43,7 @@ __all__ = [
     "decode_client",
 ]
 
-SUBPROTOCOL = "luxel.v2"
+SUBPROTOCOL = "luxel.v3"
 #: Longest message that a client may send: the ids of two million visible particles.
 CLIENT_BYTES_MAX = 8 << 20
 _TEXT_MAX = 4000
@@ -100,11 +102,18 @@ class Sighted(Message):
 
 @dataclass(frozen=True, eq=False)
 class Confirm(Message):
-    """The page has taken in `batches` tile messages and `coarse` messages of first light since it connected."""
+    """The page has taken in so many messages since it connected.
+
+    Parameters
+    ----------
+    batches, coarse, parts
+        Of tiles, of first light, and of baked textures.
+    """
 
     kind: ClassVar[int] = 3
     batches: int
     coarse: int
+    parts: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,10 +350,67 @@ class Coarse(Message):
         return cls(key, ids, np.clip(records / np.float32(scale), -half, half).astype(np.float16))
 
 
+@dataclass(frozen=True, eq=False)
+class CodecState(Message):
+    """Baked textures of the light `key` follow, as they are stored: the page decodes them and asks for no light.
+
+    Parameters
+    ----------
+    description
+        What the codec says of itself.
+    particles, payload_bytes
+        How many, and bytes of a record; particle k has record k.
+    part
+        Records in a message; the last has what is left.
+    decoding
+        (256,) float32: luminance of each code.
+    codebook, offset, basis, center, count, scale, width, levels
+        What the codec's textures share, see :mod:`luxel.textures.codecs`; None where it has no such array.
+    """
+
+    kind: ClassVar[int] = 32
+    key: str
+    description: Mapping[str, Any]
+    particles: int
+    payload_bytes: int
+    part: int
+    decoding: NDArray[np.float32]
+    codebook: NDArray[np.uint8] | None = None
+    offset: NDArray[np.int32] | None = None
+    basis: NDArray[Any] | None = None
+    center: NDArray[np.int16] | None = None
+    count: NDArray[np.uint16] | None = None
+    scale: NDArray[np.float32] | None = None
+    width: NDArray[np.uint8] | None = None
+    levels: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Payload(Message):
+    """A part of the baked textures of the light `key`: (K, payload_bytes) uint8 records from particle `start` on."""
+
+    kind: ClassVar[int] = 33
+    key: str
+    start: int
+    records: NDArray[np.uint8]
+
+
 ClientMessage = Hello | Sighted | Confirm | SetLight | SetFrame | ScalarRequest | ColormapRequest | Report
 _SERVER_KINDS: dict[int, type[Message]] = {
     each.kind: each
-    for each in (SceneState, LightState, Geometry, Scalar, Colormap, Tiles, Status, Error, Coarse)
+    for each in (
+        SceneState,
+        LightState,
+        Geometry,
+        Scalar,
+        Colormap,
+        Tiles,
+        Status,
+        Error,
+        Coarse,
+        CodecState,
+        Payload,
+    )
 }
 
 
@@ -366,7 +432,7 @@ def decode_client(data: bytes) -> ClientMessage:
             eye = _numbers(head, "eye", 3)
             return Sighted(_text(head, "key", 128), _ids(arrays), (eye[0], eye[1], eye[2]))
         case Confirm.kind:
-            return Confirm(_whole(head, "batches"), _whole(head, "coarse"))
+            return Confirm(*(_whole(head, name) for name in ("batches", "coarse", "parts")))
         case SetLight.kind:
             sun = None if head.get("sun") is None else _numbers(head, "sun", 4)
             return SetLight(

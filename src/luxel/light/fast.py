@@ -44,11 +44,21 @@ class FastLight:
         What to light, and the luminance of code 255.
     mapping, texels, samples, seed
         See :class:`luxel.TextureSpec`.
+    hidden
+        (N,) bool: particles that do not exist in this world, from which the filter does not learn.
     """
 
     def __init__(
-        self, world: World, scale: float, mapping: Mapping, texels: int, samples: int, seed: int
+        self,
+        world: World,
+        scale: float,
+        mapping: Mapping,
+        texels: int,
+        samples: int,
+        seed: int,
+        hidden: NDArray[np.bool_] | None = None,
     ) -> None:
+        self._hidden = hidden
         self._world, self._scale, self._seed = world, scale, seed
         self._mapping, self._texels, self._samples = mapping, texels, samples
         self._lock = threading.Lock()
@@ -126,6 +136,8 @@ class FastLight:
     def _learn(self, threads: int) -> TextureFilter:
         """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
         shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii))
+        if self._hidden is not None and not self._hidden.all():
+            shuffled = shuffled[~self._hidden[shuffled]]
         order = shuffled[:_TRAINING_CANDIDATES].astype(np.int32)
         lit: list[NDArray[np.int32]] = []
         found = 0

@@ -27,7 +27,7 @@ from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import Mode, TextureSpec, light_key
 from luxel.textures.textures import TextureSource, TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
-from luxel.trace.tree import run_parts, thread_count
+from luxel.trace.tree import SphereTree, run_parts, thread_count
 
 __all__ = ["render", "visible_ids"]
 
@@ -63,8 +63,8 @@ def render(
     Parameters
     ----------
     scene, view
-        What to draw and how; the default view frames the data. Particles, or a plain (N, 3) array of positions, get the
-        default lights.
+        What to draw and how; the default view frames the data. What either hides is not drawn. Particles, or a plain
+        (N, 3) array of positions, get the default lights.
     textures
         A bake or another source of textures; particles that it has none for show their coarse record, or are
         Lambert. None bakes the textures of the visible particles first.
@@ -112,6 +112,7 @@ def render(
     workers = thread_count(threads)
     camera = view.camera_for(scene.particles, (width, height))
     world = make_world(scene, seed=seed)
+    seen = seen_world(world, scene, view)
     eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
     colors = view.colors(scene.particles)
     total = np.zeros((height, width, 5), np.float32)
@@ -120,18 +121,18 @@ def render(
         spp = 64 if samples is None else samples
         if spp < 1:
             raise InputError(f"samples must be at least 1, got {samples}")
-        _draw_pixels(world, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
+        _draw_pixels(world, seen, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
     else:
         spec = TextureSpec(samples=4 if samples is None else samples, mode=mode, seed=seed, mapping=mapping)
-        table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, world)
-        draw_textures(world, eye, shifts, table, colors, total, workers)
+        table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, seen)
+        draw_textures(seen, eye, shifts, table, colors, total, workers)
     picture = np.empty((height, width, 3), np.float32)
     background = srgb_to_linear(rgb(view.background)).astype(np.float32)
     shade.develop(
         total, len(shifts), np.float32(view.exposure), np.float32(scene_white(scene)), background, picture
     )
     pixels = (linear_to_srgb(picture) * 255 + 0.5).astype(np.uint8)
-    distance, ids = trace_primary(world, eye, width, height, (0.5, 0.5), workers)
+    distance, ids = trace_primary(seen, eye, width, height, (0.5, 0.5), workers)
     if colorbar and view.color_by is not None:
         from luxel.picture.colorbar import draw_colorbar
 
@@ -146,6 +147,16 @@ def visible_ids(
     width, height = _checked_size(size)
     eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
     return _visible(make_world(scene), eye, width, height, list(_shifts(antialias)), thread_count(threads))
+
+
+def seen_world(world: World, scene: Scene, view: View) -> World:
+    """Return the world that a picture's own rays meet: what `view` hides is only there for light."""
+    hidden = view.hidden(scene.particles)
+    if hidden is None:
+        return world
+    if scene.hidden is not None:
+        hidden = hidden | scene.hidden
+    return world._replace(tree=SphereTree.of(SphereSet.of(scene.particles), hidden).arrays)
 
 
 def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:
@@ -235,6 +246,7 @@ def draw_textures(
 
 def _draw_pixels(
     world: World,
+    seen: World,
     eye: tiles.Eye,
     shifts: list[tuple[float, float]],
     samples: int,
@@ -247,7 +259,7 @@ def _draw_pixels(
     lock = threading.Lock()
     done = 0
     for k, shift in enumerate(shifts):
-        distance, ids = trace_primary(world, eye, width, height, shift, threads)
+        distance, ids = trace_primary(seen, eye, width, height, shift, threads)
         x, y = np.float32(shift[0]), np.float32(shift[1])
 
         def band(

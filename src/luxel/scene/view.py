@@ -6,7 +6,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from luxel.errors import InputError
 from luxel.particles import Particles
 from luxel.scene.camera import Camera
 from luxel.scene.colormap import RGB, colormap_table, hex_color, rgb, srgb_to_linear
+from luxel.scene.hiding import Condition, as_conditions, condition_from_json, hidden
 from luxel.scene.lights import Up, up_frame
 
 __all__ = ["View"]
@@ -48,6 +49,9 @@ class View:
         `nan_color` for particles whose scalar is NaN ("no data").
     up
         Axis that points up when `camera` is None: ``"x"``, ``"y"`` or ``"z"``.
+    hide
+        A `Cut` or `Select`, or several: particles that any of them hides are not drawn. They still cast shadows and
+        bounce light, so that hiding costs nothing; see `Scene.hide` for the other rule.
 
     Raises
     ------
@@ -65,6 +69,7 @@ class View:
     up: Up = "z"
     color: str = "#d9d5cc"
     nan_color: str = "#7f7f86"
+    hide: Condition | Sequence[Condition] = ()
 
     def __post_init__(self) -> None:
         if self.camera is not None and not isinstance(self.camera, Camera):
@@ -86,6 +91,22 @@ class View:
         for name in ("background", "color", "nan_color"):
             object.__setattr__(self, name, hex_color(getattr(self, name), name))
         up_frame(self.up)
+        object.__setattr__(self, "hide", as_conditions(self.hide, "hide of a view"))
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """What hides particles, as a tuple."""
+        return cast(tuple[Condition, ...], self.hide)
+
+    def hidden(self, particles: Particles) -> NDArray[np.bool_] | None:
+        """(N,) bool: which particles are not drawn; None if all are.
+
+        Raises
+        ------
+        ScalarError
+            If the particles lack a scalar that a selection names.
+        """
+        return hidden(particles, self.conditions)
 
     def with_changes(self, **changes: Any) -> View:
         """Return a view with some fields replaced."""
@@ -202,6 +223,7 @@ class View:
         found = {field.name: getattr(self, field.name) for field in fields(self)}
         found["range"] = None if self.range is None else list(self.range)
         found["log"] = bool(self.log)
+        found["hide"] = [condition.to_json() for condition in self.conditions]
         if self.camera is not None:
             camera = self.camera
             found["camera"] = {
@@ -225,6 +247,11 @@ class View:
         values = _known_fields(data, cls, "a view")
         if values.get("camera") is not None:
             values["camera"] = _camera(values["camera"])
+        if "hide" in values:
+            listed = values["hide"]
+            if not isinstance(listed, list | tuple):
+                raise InputError(f"a view's hide must be a list, got {listed!r}")
+            values["hide"] = tuple(condition_from_json(each) for each in listed)
         return cls(**values)
 
 

@@ -48,11 +48,16 @@ class SphereSet:
 
     @classmethod
     def of(cls, particles: Particles) -> SphereSet:
-        """Return the spheres of `particles`, computed once for each `Particles`."""
+        """Return the spheres of `particles`, computed once for each `Particles`.
+
+        Particles with scaled radii are normalised as the unscaled ones are, and share their centres.
+        """
+        base = None if particles.unscaled is particles else cls.of(particles.unscaled)
         with _CACHE_LOCK:
             found = _CACHE.get(particles)
             if found is None:
-                found = _CACHE[particles] = cls._normalised(particles)
+                found = cls._normalised(particles) if base is None else base._with_radii_of(particles)
+                _CACHE[particles] = found
             return found
 
     @classmethod
@@ -69,6 +74,10 @@ class SphereSet:
             centers = ((particles.local.astype(np.float64) - shift) / unit).astype(np.float32)
         radii = (particles.radii.astype(np.float64) / unit).astype(np.float32)
         return cls(centers, radii, center, unit)
+
+    def _with_radii_of(self, particles: Particles) -> SphereSet:
+        radii = (particles.radii.astype(np.float64) / self.unit).astype(np.float32)
+        return SphereSet(self.centers, radii, self.center, self.unit)
 
     def __len__(self) -> int:
         return len(self.centers)

@@ -2,6 +2,7 @@
 
 import * as cameras from "./camera.js";
 import { CoarseStore } from "./coarse.js";
+import { BakedStore } from "./codecs.js";
 import { RGB, drawColorbar, grading, isCategorical, label, normalised, packed, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
@@ -61,9 +62,11 @@ export class App {
     this.asked = new Set();
     this.tiles = new TileStore(0, 16, 0, PARTICLES_WIDTH);
     this.coarse = new CoarseStore(0, PARTICLES_WIDTH);
+    /** Textures that need no server, once they have come. @type {BakedStore | null} */
+    this.baked = null;
     this.sight = new Sight(0);
     this.askTimer = 0;
-    this.confirmed = { batches: 0, coarse: 0 };
+    this.confirmed = { batches: 0, coarse: 0, parts: 0 };
     this.tilesReceived = 0;
     this.coloring = "";
     this.scheduled = false;
@@ -92,7 +95,7 @@ export class App {
       this.trouble("waiting", mild ? trouble : null);
     };
     connection.onopen = () => {
-      this.confirmed = { batches: 0, coarse: 0 };
+      this.confirmed = { batches: 0, coarse: 0, parts: 0 };
       this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
     };
     new Controls(this.canvas, {
@@ -153,6 +156,8 @@ export class App {
         return this.colorChanged();
       case KIND.tiles: return this.takeTiles(head, arrays);
       case KIND.coarse: return this.takeCoarse(head, arrays);
+      case KIND.codec: return this.takeCodec(head, arrays);
+      case KIND.payload: return this.takePayload(head, arrays);
       case KIND.status:
         this.status = head;
         this.trouble("light", head.error ? `Light: ${head.error}` : null);
@@ -174,8 +179,8 @@ export class App {
     this.guard(() => this.renderer.setScene(head.count, reach));
     this.tiles = new TileStore(head.count, head.texels, ATLAS_BYTES, PARTICLES_WIDTH);
     this.coarse = new CoarseStore(head.count, PARTICLES_WIDTH);
-    this.guard(() => this.renderer.setAtlas(this.tiles));
-    this.renderer.setTexels(head);
+    this.baked = null;
+    this.guard(() => this.renderer.sets[0].setTiles(this.tiles, this.coarse, head));
     this.sight = new Sight(head.count);
     this.panel.setScene(head, again);
     this.trouble("notice", head.notice || null);
@@ -201,9 +206,9 @@ export class App {
   }
 
   lightRenderer() {
-    this.renderer.light = this.light;
-    Object.assign(this.renderer.look, {
-      useTiles: this.light.model !== "lambertian", white: this.light.white, coarseScale: this.light.decoding[255],
+    const { light } = this;
+    Object.assign(this.renderer.sets[0], {
+      lights: light, textured: light.model !== "lambertian", white: light.white, coarseScale: light.decoding[255],
     });
   }
 
@@ -252,7 +257,32 @@ export class App {
     this.trouble("notice", null);
   }
 
-  /** Make room for more messages of a kind. @param {"batches" | "coarse"} which */
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takeCodec(head, arrays) {
+    if (head.key !== this.light?.key) return;
+    this.baked = new BakedStore({ ...head.description, mapping: this.scene.mapping, particles: head.particles, part: head.part, payload_bytes: head.payload_bytes }, arrays);
+    this.guard(() => this.renderer.sets[0].setBaked(this.baked));
+    this.film.lightChanged();
+    this.sight.askAgain();
+    this.schedule();
+  }
+
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takePayload(head, arrays) {
+    this.confirm("parts");
+    if (head.key !== this.light?.key || this.baked === null) return;
+    this.baked.put(head.start, arrays.records);
+    this.film.lightChanged();
+    this.trouble("notice", null);
+    this.schedule();
+  }
+
+  /** Where the textures of the current light are. */
+  get store() {
+    return this.baked ?? this.tiles;
+  }
+
+  /** Make room for more messages of a kind. @param {"batches" | "coarse" | "parts"} which */
   confirm(which) {
     this.confirmed[which]++;
     this.connection.send(encode(KIND.confirm, this.confirmed));
@@ -265,9 +295,9 @@ export class App {
 
   /** Tell the server what is visible and has no light yet. */
   ask() {
-    if (this.light === null || this.light.model === "lambertian" || this.camera === null) return;
     clearTimeout(this.askTimer);
-    const ids = this.sight.request(this.tiles, performance.now());
+    if (this.light === null || this.light.model === "lambertian" || this.camera === null || this.baked?.complete) return;
+    const ids = this.sight.request(this.store, performance.now());
     if (this.sight.waiting) this.askTimer = setTimeout(() => this.ask(), ASK_MS);
     if (ids !== null && ids.length) {
       this.connection.send(encode(KIND.sighted, { key: this.light.key, eye: this.camera.eye }, { ids: ids.slice() }));
@@ -446,8 +476,7 @@ export class App {
   }
 
   upload() {
-    this.renderer.uploadTiles(this.tiles);
-    this.renderer.uploadCoarse(this.coarse);
+    for (const set of this.renderer.sets) set.upload();
   }
 
   /** Run what may fail for lack of graphics, and say so. @param {() => void} action */
@@ -471,8 +500,8 @@ export class App {
       if (this.scene !== null) {
         this.renderer.setScene(this.scene.count, 4);
         this.renderer.setSpheres(0, this.sphereData);
-        this.renderer.setAtlas(this.tiles);
-        this.renderer.setTexels(this.scene);
+        this.renderer.sets[0].setTiles(this.tiles, this.coarse, this.scene);
+        this.renderer.sets[0].setBaked(this.baked);
       }
       if (this.light !== null) {
         this.lightRenderer();
@@ -502,12 +531,14 @@ export class App {
     const parts = [`${n(visible)} visible`];
     if (this.light?.model === "lambertian") {
       parts.push("no global light");
+    } else if (this.baked) {
+      parts.push(ready >= visible ? "baked light" : `${n(ready)} with baked light`);
     } else {
       parts.push(ready >= visible ? "all lit" : `${n(ready)} lit`);
       if (coarse) parts.push(`${n(coarse)} in first light`);
       if (this.status?.queued) parts.push(`${n(this.status.queued + this.status.baking)} queued`);
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
-      if (this.tiles.dropped) parts.push("texture memory full");
+      if (this.store.dropped) parts.push("texture memory full");
     }
     if (this.fps >= 0.5) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
     this.element("counts").textContent = parts.join("  ·  ");
@@ -518,7 +549,7 @@ export class App {
   }
 
   counts() {
-    return { visible: this.sight.count, ...this.sight.litCount(this.tiles, this.coarse) };
+    return { visible: this.sight.count, ...this.sight.litCount(this.store, this.coarse) };
   }
 
   /** Say what is wrong, or that it no longer is. @param {string} cause @param {string | null} text @param {boolean} [passing] goes away by itself */

@@ -18,7 +18,7 @@ export function handle(app) {
     /** Where things stand. */
     state: () => ({
       ...app.counts(),
-      requested: app.sight.requested, received: app.tilesReceived, evicted: app.tiles.evicted, dropped: app.tiles.dropped,
+      requested: app.sight.requested, received: app.tilesReceived, evicted: app.store.evicted, dropped: app.store.dropped, baked: app.baked?.description.kind ?? null,
       known: app.film.listed.central, settled: app.film.settled, particles: app.scene?.count ?? 0, loaded: app.renderer.loaded,
       samples: app.film.shown?.count ?? 0, frames: app.renderer.frameCount, frameMs: app.renderer.frameMs, fps: app.fps,
       width: app.canvas.width, height: app.canvas.height, key: app.light?.key ?? "", model: app.light?.model ?? "",
