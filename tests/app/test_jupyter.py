@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import luxel
-from tests.app.chromium import Page, find
+from tests.app.chromium import Browser, Page
 from tests.app.jupyter import Lab
-from tests.app.test_browser import WAIT_S, capture
+from tests.app.pictures import WAIT_S, capture, match
 
 pytestmark = pytest.mark.browser
 
@@ -38,12 +38,13 @@ _IDLE = f"({_PANEL}).sessionContext.session?.kernel?.status === 'idle'"
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Page]:
-    if find() is None:
-        if os.environ.get("LUXEL_NO_SKIP") == "1":
-            pytest.fail("no Chromium found; set LUXEL_CHROMIUM")
-        pytest.skip("no Chromium found")
-    with Lab(tmp_path_factory.mktemp("lab"), _CELLS) as lab, Page(lab.url, (1100, 800), dark=False) as opened:
+def page(
+    browser: Browser, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Iterator[Page]:
+    with (
+        Lab(tmp_path_factory.mktemp("lab"), _CELLS) as lab,
+        Page(lab.url, (1100, 800), dark=False, browser=browser) as opened,
+    ):
         opened.call("Emulation.setFocusEmulationEnabled", enabled=True)  # what is current follows the focus
         opened.wait(f"{_NOTEBOOK}?.widgets?.length === {len(_CELLS)} && {_IDLE}", WAIT_S)
         opened.wait(
@@ -91,13 +92,7 @@ def test_the_widget_shows_the_ray_tracers_picture(page: Page) -> None:
     picture = luxel.render(
         scene.with_changes(particles=particles), look, textures, ids.shape[::-1], antialias=1
     )
-    covered = (ids >= 0) | (picture.ids >= 0)
-    same = (ids == picture.ids) & covered
-    assert covered.mean() > 0.1
-    assert same.sum() >= 0.99 * covered.sum()
-    difference = np.abs(pixels.astype(int) - picture.pixels[..., :3].astype(int))[same]
-    assert difference.mean() <= 2.0
-    assert difference.max() < 40  # no particle has another's colour
+    match(pixels, ids, picture, "jupyter")
 
 
 def test_keys_are_the_widgets_while_it_has_the_focus(page: Page) -> None:
