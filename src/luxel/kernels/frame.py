@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from luxel.kernels import FIRST_LIGHT
 from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import four_codes, prefetch_texels, side_of
@@ -196,14 +197,14 @@ def _light_textures(eye, skin, hits, v, step):
 
 
 @kernel(inline=True, borrows=True)
-def _light_bare(tree, lights, work, spare, skin, hits, v, textured, shadows):
+def _light_bare(tree, lights, work, spare, skin, hits, v, shadows):
     """Write the light of those of sixteen rays whose particle has no texture: its coarse record, or else Lambert."""
     words, who, slot, coarse = hits.words, hits.who, hits.slot, skin.coarse
     bare = False
     for j in range(v, v + LANES):
         i = who[j]
         if i >= 0 and slot[j] < 0:
-            if textured and i < coarse.shape[0] and coarse[i, 0] >= 0:
+            if slot[j] == FIRST_LIGHT and i < coarse.shape[0]:
                 words[_LIGHT + j] = max(
                     _ZERO,
                     coarse[i, 0]
@@ -242,7 +243,7 @@ def _shade(tree, lights, eye, work, spare, skin, hits, step, textured, shadows, 
     for v in range(0, RAYS, LANES):
         if textured:
             _light_textures(eye, skin, hits, v, step)
-        _light_bare(tree, lights, work, spare, skin, hits, v, textured, shadows)
+        _light_bare(tree, lights, work, spare, skin, hits, v, shadows)
     for j in range(RAYS):
         column, row = place_of(j)
         x, y, i = tx + column, ty + row, who[j]
@@ -332,8 +333,8 @@ def draw_frame(
 
 
 @kernel
-def gather_seen(seen, slot, coarse, clear, found):
-    """List the particles marked in `seen`, ascending, into `found`; return how many, how many of them textured, and coarse.
+def gather_seen(seen, slot, clear, found):
+    """List the particles marked in `seen`, ascending, into `found`; return how many, and how many of them have a texture, or first light.
 
     `seen` is (N',) uint8 with N' a multiple of 8 and at least N; with `clear`, marks are removed.
     """
@@ -348,7 +349,7 @@ def gather_seen(seen, slot, coarse, clear, found):
                 count += 1
                 if slot[i] >= 0:
                     textured += 1
-                elif i < coarse.shape[0] and coarse[i, 0] >= 0:
+                elif slot[i] == FIRST_LIGHT:
                     dim += 1
         if clear:
             words[w] = 0

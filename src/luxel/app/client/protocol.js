@@ -1,18 +1,22 @@
 // Messages to and from the server; the other half of app/protocol.py, which describes the format.
 
-export const SUBPROTOCOL = "luxel.v2";
+export const SUBPROTOCOL = "luxel.v3";
 
 /** Kinds of messages, as numbered in app/protocol.py. */
 export const KIND = {
   hello: 1, sighted: 2, confirm: 3, setLight: 4, setFrame: 5, scalarRequest: 6, colormapRequest: 7, report: 8,
   scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24,
+  codec: 32, payload: 33,
+  setView: 40, loadView: 41, view: 50,
 };
 
-/** @typedef {Float32Array | Int32Array | Uint16Array | Uint8Array} Values */
+/** @typedef {Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array | Int8Array} Values */
 /** @typedef {{kind: number, head: any, arrays: Record<string, any>}} Message */
 
 // Half floats stay bits: they go to the graphics processor as they are.
-const TYPES = /** @type {const} */ ({ u1: Uint8Array, i4: Int32Array, f2: Uint16Array, f4: Float32Array });
+const TYPES = /** @type {const} */ ({
+  u1: Uint8Array, i1: Int8Array, u2: Uint16Array, i2: Int16Array, i4: Int32Array, f2: Uint16Array, f4: Float32Array,
+});
 
 /**
  * Take a message from the server apart. Arrays are views of `buffer`: nothing is copied.

@@ -1,5 +1,13 @@
 // What is visible: ids read back from the screen, gathered since the camera last moved, and what to ask the server for.
 
+/**
+ * Where textures are: tiles, or baked ones.
+ * @typedef {object} Store
+ * @property {(id: number) => boolean} isCurrent whether it has the texture of a particle under the current light
+ * @property {number} current names that light
+ * @property {number} capacity most textures
+ */
+
 const RESEND_MS = 1000;
 const MOVING_MS = 150;
 
@@ -49,7 +57,7 @@ export class Sight {
 
   /**
    * How many visible particles have their tile, and how many others a coarse record.
-   * @param {import("./tiles.js").TileStore} tiles @param {import("./coarse.js").CoarseStore} records
+   * @param {Store} tiles @param {import("./coarse.js").CoarseStore} records
    */
   litCount(tiles, records) {
     let ready = 0, coarse = 0;
@@ -63,7 +71,7 @@ export class Sight {
   /**
    * Ids to ask for now, if it is time to: soon when something new came into sight, else about once a second,
    * so that the server does not take the request for outdated.
-   * @param {import("./tiles.js").TileStore} tiles @param {number} now milliseconds
+   * @param {Store} tiles @param {number} now milliseconds
    * @returns {Int32Array | null}
    */
   request(tiles, now) {
