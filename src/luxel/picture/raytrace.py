@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from luxel.errors import InputError
 from luxel.kernels import shade, tiles
@@ -16,9 +16,11 @@ from luxel.kernels.path import World
 from luxel.light.lights import scene_white
 from luxel.light.mapping import Mapping, mapping_code
 from luxel.light.world import make_world
+from luxel.particles import Particles
 from luxel.picture.image import Image
 from luxel.scene.camera import Camera
 from luxel.scene.colormap import linear_to_srgb, rgb, srgb_to_linear
+from luxel.scene.from_arrays import looked_at
 from luxel.scene.scene import Scene
 from luxel.scene.view import View
 from luxel.textures.bake import Baker, bake_with
@@ -37,11 +39,14 @@ _MOST_PIXELS = 2**28
 
 
 def render(
-    scene: Scene,
+    scene: Scene | Particles | ArrayLike,
     view: View | None = None,
     textures: TextureSource | None = None,
     size: tuple[int, int] = (1280, 720),
     *,
+    radii: ArrayLike | None = None,
+    colors: ArrayLike | str | None = None,
+    color_by: ArrayLike | str | None = None,
     light: Light = "texture",
     samples: int | None = None,
     mode: Mode = "fast",
@@ -58,12 +63,17 @@ def render(
     Parameters
     ----------
     scene, view
-        What to draw and how; the default view frames the data. What either hides is not drawn.
+        What to draw and how; the default view frames the data. What either hides is not drawn. Particles, or a plain
+        (N, 3) array of positions, get the default lights.
     textures
         A bake or another source of textures; particles that it has none for show their coarse record, or are
         Lambert. None bakes the textures of the visible particles first.
     size
         Width and height in pixels.
+    radii, colors, color_by
+        Of an array of positions: radii (N,) or one number; sRGB colours (N, 3), whole numbers 0..255 or others 0..1,
+        which light makes brighter or darker without changing their hue; or values (N,) to be shown in the view's
+        colour map. With a scene, `color_by` is the name of a scalar.
     light
         ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
     samples
@@ -89,8 +99,10 @@ def render(
     Raises
     ------
     InputError
-        For a size, light or sample count out of range.
+        For a size, light or sample count out of range, and arrays of wrong shape.
     """
+    subject, view = looked_at(scene, view, radii=radii, colors=colors, color_by=color_by)
+    scene = subject if isinstance(subject, Scene) else Scene(subject)
     view = view or View()
     width, height = _checked_size(size)
     if light not in ("texture", "pixel"):

@@ -37,6 +37,7 @@ export function handle(app) {
     }),
     /** The picture (RGBA) and ids of pixel centres, rows from the bottom, as base64. */
     capture: () => {
+      app.upload(); // what came since the last frame counts
       const { width, height, pixels, ids } = app.renderer.capture(/** @type {Camera} */ (app.camera));
       return { width, height, pixels: base64(pixels), ids: base64(ids) };
     },

@@ -1,6 +1,6 @@
 // The controls beside the picture: native inputs, read into one plain object of settings.
 
-import { rgb } from "./colors.js";
+import { RGB, rgb } from "./colors.js";
 
 /**
  * @typedef {object} Settings
@@ -67,6 +67,9 @@ export class Panel {
     this.element = finder(root);
     this.listener = listener;
     this.diameter = 15;
+    this.lastColormap = "viridis";
+    /** @type {any} */
+    this.scene = null;
     /** @type {Settings} */
     this.settings = {
       colorBy: null, colormap: "viridis", range: null, log: false, color: "#d9d5cc", noData: "#7f7f86", exposure: 1, background: "#17191d",
@@ -80,9 +83,10 @@ export class Panel {
     on("color-by", "change", (input) => {
       s.colorBy = input.value || null;
       s.range = null;
+      this.fitColormap();
       this.color();
     });
-    on("colormap", "change", (input) => { s.colormap = input.value; this.color(); });
+    on("colormap", "change", (input) => { s.colormap = input.value; if (s.colormap !== RGB) this.lastColormap = s.colormap; this.color(); });
     on("log", "change", (input) => { s.log = input.checked; s.range = null; this.color(); });
     on("auto", "change", (input) => { s.range = input.checked ? null : this.typedRange(); this.color(); });
     for (const id of ["low", "high"]) on(id, "change", () => { s.range = this.typedRange() ?? s.range; this.color(); });
@@ -116,6 +120,17 @@ export class Panel {
     this.listener.layout();
   }
 
+  /** Colours are shown as they are until somebody wants a map, and nothing else ever is. */
+  fitColormap() {
+    const s = this.settings;
+    const colors = this.scene.scalars.some((/** @type {any} */ each) => each.name === s.colorBy && each.colors);
+    if (colors !== (s.colormap === RGB)) s.colormap = colors ? RGB : this.lastColormap;
+    const known = /** @type {string[]} */ (this.scene.colormaps);
+    const maps = s.colormap === RGB || known.includes(s.colormap) ? known : [s.colormap, ...known];
+    const options = maps.map((name) => /** @type {[string, string]} */ ([name, name]));
+    fill(this.element("colormap"), colors ? [[RGB, "own colours"], ...options] : options);
+  }
+
   color() {
     this.show();
     this.listener.color();
@@ -134,6 +149,7 @@ export class Panel {
   /** Take over a data set and its view. @param {any} scene @param {boolean} keep the user's own settings */
   setScene(scene, keep) {
     const s = this.settings;
+    this.scene = scene;
     if (!keep) {
       const { view } = scene;
       Object.assign(s, {
@@ -144,8 +160,8 @@ export class Panel {
     const names = /** @type {string[]} */ (scene.scalars.map((/** @type {any} */ each) => each.name));
     if (s.colorBy !== null && !names.includes(s.colorBy)) s.colorBy = null;
     fill(this.element("color-by"), [["", "nothing"], ...names.map((name) => /** @type {[string, string]} */ ([name, name]))]);
-    const maps = /** @type {string[]} */ (scene.colormaps.includes(s.colormap) ? scene.colormaps : [s.colormap, ...scene.colormaps]);
-    fill(this.element("colormap"), maps.map((name) => [name, name]));
+    if (s.colormap !== RGB) this.lastColormap = s.colormap;
+    this.fitColormap();
     fill(this.element("model"), scene.models.map((/** @type {string} */ name) => [name, MODEL_NAMES[name] ?? name]));
     this.element("title").textContent = scene.title;
     this.listener.titled(scene.title);
@@ -197,6 +213,7 @@ export class Panel {
     for (const [id, text] of Object.entries(outputs)) this.element(`${id}-out`).textContent = text;
     this.root.classList.toggle("uniform", s.colorBy === null);
     this.root.classList.toggle("coloured", s.colorBy !== null);
+    this.root.classList.toggle("own-colors", s.colorBy !== null && s.colormap === RGB);
     const [r, g, b] = rgb(s.background);
     this.element("stage").classList.toggle("bright", 0.3 * r + 0.59 * g + 0.11 * b > 0.5);
   }
