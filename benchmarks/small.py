@@ -10,7 +10,7 @@ import numpy as np
 
 import luxel
 from benchmarks.scenes import plate, plate_camera
-from luxel.kernels import shade
+from luxel.kernels.tone import develop
 from luxel.light.lights import scene_white
 from luxel.light.world import make_world
 from luxel.picture.raytrace import draw_textures, make_eye, render
@@ -107,5 +107,5 @@ def _levels(
     )
     background = srgb_to_linear(rgb(view.background)).astype(np.float32)
     white = np.float32(scene_white(scene))
-    shade.develop(total, 1, np.float32(view.exposure), white, background, picture)
+    develop(total, 1, np.float32(view.exposure), white, background, picture)
     return linear_to_srgb(picture) * 255

@@ -319,6 +319,40 @@ class Session:
             self._lit = self._light(self._lit.frame, self._lit.scene.with_changes(**changes))
             return self._lit.key
 
+    @property
+    def light_fixed(self) -> bool:
+        """Whether the light is baked in, so that :meth:`relight` refuses to change it."""
+        return self._baked is not None
+
+    def restore(self, light: Lighting | None, frame: int | None = None) -> str:
+        """Show what a saved view says: both at once, or nothing if one of them cannot be; return the light key.
+
+        Parameters
+        ----------
+        light
+            None keeps the current one, as does a baked light.
+        frame
+            None keeps the current one.
+
+        Raises
+        ------
+        FrameError
+            If there is no such frame.
+        InputError
+            For a light that a scene does not take.
+        """
+        with self._lock:
+            self._check_open()
+            k = self._lit.frame if frame is None else self._check_frame(frame)
+            now = self._lit.scene
+            particles = now.particles.unscaled if k == self._lit.frame else self.series[k]
+            if self._baked is not None:
+                scene = now.with_changes(particles=particles)
+            else:
+                scene = (Lighting.of(now) if light is None else light).scene(particles)
+            self._lit = self._light(k, scene)
+            return self._lit.key
+
     def set_frame(self, k: int) -> str:
         """Show another time step under the same light; return the new light key.
 

@@ -62,7 +62,7 @@ export class Renderer {
     this.frameCount = 0;
     this.doneAt = 0;
     this.look = {
-      uniform: true, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, top: [0, 0, 0], bottom: [0, 0, 0],
+      uniform: true, packed: false, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, top: [0, 0, 0], bottom: [0, 0, 0],
     };
     this.sceneRadius = 2;
     this.list = new Texture(gl, "r32ui", 1, 1);
@@ -111,7 +111,7 @@ export class Renderer {
     this.loaded = Math.max(this.loaded, start + spheres.length / 4);
   }
 
-  /** @param {Float32Array} values (N,) positions in the colour map, negative for no data */
+  /** @param {Float32Array} values (N,) positions in the colour map, or packed colours; negative for no data */
   setValues(values) {
     uploadRows(this.values, values, 0, 1);
   }
@@ -230,7 +230,7 @@ export class Renderer {
       const program = this.shadingFor(set, first);
       this.setCamera(program, camera, shift, shape);
       program.texture("uIds", targets.ids.colors[0]).texture("uValues", this.values).texture("uLut", this.lut)
-        .int("uUniform", this.look.uniform ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
+        .int("uUniform", this.look.uniform ? 1 : 0).int("uPacked", this.look.packed ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
       set.bind(program);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
     });

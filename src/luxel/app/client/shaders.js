@@ -205,11 +205,11 @@ export const shadeFragment = ({ reader, baked, coarse, suns, globes, quads, filt
 #define GLOBES ${globes}
 #define QUADS ${quads}
 uniform usampler2D uIds;
-uniform sampler2D uValues;      // position in the colour map; negative is no data
+uniform sampler2D uValues;      // position in the colour map, or a packed colour; negative is no data
 uniform sampler2D uLut;         // linear light
 uniform sampler2D uCoarse;      // first light; red < 0 where there is none
 uniform float uCoarseScale;
-uniform bool uUniform;
+uniform bool uUniform, uPacked;
 uniform vec3 uColor, uNoData;   // linear light
 uniform vec2 uSky;              // level, ground
 uniform vec3 uSkyAxis;
@@ -225,6 +225,10 @@ vec3 colorOf(int id) {
   if (uUniform) return uColor;
   float x = texelFetch(uValues, place(id, textureSize(uValues, 0).x), 0).r;
   if (x < 0.0) return uNoData;
+  if (uPacked) {
+    vec3 c = vec3(ivec3(int(x)) >> ivec3(16, 8, 0) & 255) / 255.0;
+    return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), greaterThan(c, vec3(0.04045)));
+  }
   int rows = textureSize(uLut, 0).x;
   return texelFetch(uLut, ivec2(min(rows - 1, int(x * float(rows))), 0), 0).rgb;
 }
