@@ -90,6 +90,9 @@ def as_vector(value: ArrayLike, what: str, *, unit: bool = False) -> NDArray[np.
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise InputError(f"{what} must be three finite numbers, got {value!r}")
     if unit:
+        largest = float(np.abs(vector).max())
+        if largest > 1e150:  # its square would overflow
+            vector = vector / largest
         length = float(np.linalg.norm(vector))
         if length == 0.0:
             raise InputError(f"{what} must not be the zero vector")

@@ -24,6 +24,9 @@ FROM_PAGE = [
     protocol.Confirm(7, 2, 5),
     protocol.SetLight("ao", 0.5, 1.25, (195.0, 50.0, 2.0, 15.0)),
     protocol.SetLight(sky=0.0),
+    protocol.SetLight(up="y", hide=[{"kind": "cut", "normal": [1, 0, 0], "offset": 2}], radius_scale=1.5),
+    protocol.SetView({"exposure": 2}),
+    protocol.LoadView({"luxel_view": 1}),
     protocol.SetFrame(3),
     protocol.ScalarRequest("velocity.x"),
     protocol.ColormapRequest("viridis"),
@@ -36,6 +39,7 @@ FROM_SERVER = [
     protocol.Tiles("ab12", IDS, np.arange(3 * 16, dtype=np.uint8).reshape(3, 4, 4)),
     protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
     protocol.Error("no such scalar"),
+    protocol.ViewState({"exposure": 2}),
     protocol.Coarse("ab12", IDS, np.arange(12, dtype=np.float16).reshape(3, 4)),
     protocol.CodecState(
         "ab12",

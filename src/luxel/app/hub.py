@@ -7,7 +7,7 @@ import contextlib
 import functools
 import itertools
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,9 @@ from luxel.dynamic.work import CoarseBatch, TileBatch
 from luxel.errors import InputError, LuxelError, ProtocolError
 from luxel.kernels.jit import cold
 from luxel.particles import Particles
+from luxel.scene.hiding import condition_from_json
+from luxel.scene.saved import SavedView
+from luxel.scene.view import View
 from luxel.session import Session
 from luxel.textures.store.reader import BakedFrame
 from luxel.trace.spheres import SphereSet
@@ -48,6 +51,7 @@ class Page:
         self.coarse = Feed(_COARSE_COUNT, once=True)
         self.parts = baked.PartFeed()
         self.greeted = False
+        self.view: View | None = None  # how the page looks at it, if it said so
         self.wake = asyncio.Event()
         self._outbox: dict[object, Callable[[], protocol.Message]] = {}
 
@@ -189,6 +193,10 @@ class Hub:
             case protocol.ColormapRequest():
                 found = await asyncio.to_thread(state.colormap, message.name)
                 page.post(("colormap", message.name), lambda: found)
+            case protocol.SetView():
+                page.view = await asyncio.to_thread(View.from_json, message.view)
+            case protocol.LoadView():
+                await self._load_view(page, message.saved)
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
 
@@ -223,20 +231,33 @@ class Hub:
         if message.albedo is not None:
             changes["albedo"] = message.albedo
         if message.sky is not None or message.sun is not None:
-            up = state.view_of(self.session).up
+            up = message.up or state.view_of(self.session).up
             lights = self.session.scene.sources
-            changes["lights"] = state.lights_with(lights, message.sky, message.sun, up)
+            changes["lights"] = state.lights_with(lights, message.sky, message.sun, up)  # type: ignore[arg-type]
+        if message.hide is not None:
+            changes["hide"] = tuple(condition_from_json(each) for each in message.hide)
+        if message.radius_scale is not None:
+            changes["radius_scale"] = message.radius_scale
         if not changes:
             raise InputError("a change of light that changes nothing")
         await asyncio.to_thread(functools.partial(self.session.relight, **changes))
         await self._catch_up()
 
+    async def _load_view(self, page: Page, data: Mapping[str, Any]) -> None:
+        """Show a saved view: its light and frame on all pages, its camera and colours on this one."""
+        view, note = await asyncio.to_thread(lambda: state.restore(self.session, SavedView.from_json(data)))
+        await self._catch_up()
+        page.view = view
+        page.post("view", lambda: protocol.ViewState(view.to_json()))
+        if note:
+            page.post("error", lambda: protocol.Error(note))
+
     async def _catch_up(self) -> None:
         """Tell all pages if the session's frame or light is not what they were told last."""
         session = self.session
-        if session.particles is not self._particles:
+        if session.particles.unscaled is not self._particles:
             # The first look at new particles normalises them, which takes a while for millions.
-            particles = session.particles
+            particles = session.particles.unscaled
             await asyncio.to_thread(SphereSet.of, particles)
             if particles is self._particles:
                 return  # two pages came at once, and all is told already
@@ -322,7 +343,7 @@ class Hub:
     def _send_status(self) -> None:
         self._status_timer = None
         session = self.session
-        if session.particles is not self._particles or session.key != self._key:
+        if session.particles.unscaled is not self._particles or session.key != self._key:
             self._chase = asyncio.ensure_future(self._catch_up())  # changed from Python, not by a page
         now = state.status(session)
         if self._status_sent is None or vars(now) != vars(self._status_sent):

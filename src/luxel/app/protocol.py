@@ -5,7 +5,7 @@ Positions, radii and eyes travel in normalised units (:class:`luxel.trace.sphere
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -28,6 +28,7 @@ __all__ = [
     "Geometry",
     "Hello",
     "LightState",
+    "LoadView",
     "Message",
     "Payload",
     "Report",
@@ -36,9 +37,11 @@ __all__ = [
     "SceneState",
     "SetFrame",
     "SetLight",
+    "SetView",
     "Sighted",
     "Status",
     "Tiles",
+    "ViewState",
     "decode",
     "decode_client",
 ]
@@ -48,6 +51,7 @@ SUBPROTOCOL = "luxel.v3"
 CLIENT_BYTES_MAX = 8 << 20
 _TEXT_MAX = 4000
 _NAME_MAX = 500
+_LIST_MAX = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +132,12 @@ class SetLight(Message):
         Level.
     sun
         Azimuth and elevation in degrees, level, angular diameter in degrees.
+    up
+        The axis that azimuth and elevation, and a sky's gradient, go by; None means that of the session's view.
+    hide
+        As of :class:`luxel.Scene`, in JSON.
+    radius_scale
+        Factor on all radii.
     """
 
     kind: ClassVar[int] = 4
@@ -135,6 +145,9 @@ class SetLight(Message):
     albedo: float | None = None
     sky: float | None = None
     sun: tuple[float, float, float, float] | None = None
+    up: str | None = None
+    hide: Sequence[Any] | None = None
+    radius_scale: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +182,22 @@ class Report(Message):
     text: str
 
 
+@dataclass(frozen=True, eq=False)
+class SetView(Message):
+    """How the page looks at the particles now, as of ``View.to_json()``, in file units."""
+
+    kind: ClassVar[int] = 40
+    view: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class LoadView(Message):
+    """Show a saved view, as of ``SavedView.to_json()``; the server answers with a `ViewState`."""
+
+    kind: ClassVar[int] = 41
+    saved: Mapping[str, Any]
+
+
 # From the server ----------------------------------------------------------------------------------------------------
 
 
@@ -191,7 +220,9 @@ class SceneState(Message):
     scalars
         For each scalar ``{"name": ..., "labels": [...] or None, "colors": whether its components can be shown as colours}``.
     view
-        As of ``View.to_json()``, with the camera in normalised units.
+        As of ``View.to_json()``, in file units.
+    light_fixed
+        Whether the light is baked in, so that nobody can change it.
     """
 
     kind: ClassVar[int] = 16
@@ -210,6 +241,7 @@ class SceneState(Message):
     colormaps: tuple[str, ...]
     models: tuple[str, ...]
     view: Mapping[str, Any]
+    light_fixed: bool = False
     notice: str = ""
 
 
@@ -233,8 +265,8 @@ class LightState(Message):
         (S, 5) centre, radius, level.
     quads
         (S, 14) corner, two edges, normal, area, level.
-    controls
-        What the sliders show: sky level, sun azimuth, elevation, level, diameter; None where there is no such light.
+    lighting
+        All of it as of ``Lighting.to_json()``, in file units.
     """
 
     kind: ClassVar[int] = 17
@@ -247,7 +279,7 @@ class LightState(Message):
     suns: NDArray[np.float32]
     globes: NDArray[np.float32]
     quads: NDArray[np.float32]
-    controls: Mapping[str, float | None]
+    lighting: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,7 +427,26 @@ class Payload(Message):
     records: NDArray[np.uint8]
 
 
-ClientMessage = Hello | Sighted | Confirm | SetLight | SetFrame | ScalarRequest | ColormapRequest | Report
+@dataclass(frozen=True, eq=False)
+class ViewState(Message):
+    """Look at the particles like this from now on: as of ``View.to_json()``, in file units."""
+
+    kind: ClassVar[int] = 50
+    view: Mapping[str, Any]
+
+
+ClientMessage = (
+    Hello
+    | Sighted
+    | Confirm
+    | SetLight
+    | SetFrame
+    | ScalarRequest
+    | ColormapRequest
+    | Report
+    | SetView
+    | LoadView
+)
 _SERVER_KINDS: dict[int, type[Message]] = {
     each.kind: each
     for each in (
@@ -410,6 +461,7 @@ _SERVER_KINDS: dict[int, type[Message]] = {
         Coarse,
         CodecState,
         Payload,
+        ViewState,
     )
 }
 
@@ -440,6 +492,9 @@ def decode_client(data: bytes) -> ClientMessage:
                 None if head.get("albedo") is None else _number(head, "albedo"),
                 None if head.get("sky") is None else _number(head, "sky"),
                 None if sun is None else (sun[0], sun[1], sun[2], sun[3]),
+                None if head.get("up") is None else _text(head, "up", 8),
+                None if head.get("hide") is None else _list(head, "hide"),
+                None if head.get("radius_scale") is None else _number(head, "radius_scale"),
             )
         case SetFrame.kind:
             return SetFrame(_whole(head, "frame"))
@@ -449,6 +504,10 @@ def decode_client(data: bytes) -> ClientMessage:
             return ColormapRequest(_text(head, "name", _NAME_MAX))
         case Report.kind:
             return Report(_text(head, "text", _TEXT_MAX))
+        case SetView.kind:
+            return SetView(_object(head, "view"))
+        case LoadView.kind:
+            return LoadView(_object(head, "saved"))
     raise ProtocolError(f"message of unknown kind {kind}")
 
 
@@ -498,6 +557,20 @@ def _text(head: Mapping[str, Any], name: str, length_max: int) -> str:
     value = head.get(name)
     if not isinstance(value, str) or len(value) > length_max:
         raise ProtocolError(f"{name!r} must be a text of at most {length_max} characters")
+    return value
+
+
+def _object(head: Mapping[str, Any], name: str) -> dict[str, Any]:
+    value = head.get(name)
+    if not isinstance(value, dict):
+        raise ProtocolError(f"{name!r} must be a JSON object")
+    return value
+
+
+def _list(head: Mapping[str, Any], name: str) -> list[Any]:
+    value = head.get(name)
+    if not isinstance(value, list) or len(value) > _LIST_MAX:
+        raise ProtocolError(f"{name!r} must be a list of at most {_LIST_MAX}")
     return value
 
 

@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -17,14 +16,25 @@ from luxel.light.lights import luminance_scale, pack_lights, scene_white
 from luxel.particles import Particles
 from luxel.scene.colormap import colormap_names
 from luxel.scene.lights import Light, Sky, Sun, Up, sun_direction, up_frame
-from luxel.scene.scene import MODELS, Scene
+from luxel.scene.saved import Lighting, SavedView
+from luxel.scene.scene import MODELS
 from luxel.scene.view import View
 from luxel.session import Session
 from luxel.textures.spec import light_key
 from luxel.textures.textures import decoding_table
 from luxel.trace.spheres import SphereSet
 
-__all__ = ["colormap", "geometry", "light_state", "lights_with", "scalar", "scene_state", "status", "view_of"]
+__all__ = [
+    "colormap",
+    "geometry",
+    "light_state",
+    "lights_with",
+    "restore",
+    "scalar",
+    "scene_state",
+    "status",
+    "view_of",
+]
 
 _PART = 1 << 20  # particles in one geometry message: 16 MB
 
@@ -34,9 +44,34 @@ def view_of(session: Session) -> View:
     return session.view or View()
 
 
+def restore(session: Session, saved: SavedView) -> tuple[View, str]:
+    """Show the light and frame of a saved view; return what pages should show, and what they should know about it.
+
+    Raises
+    ------
+    LuxelError
+        If the particles lack a scalar that it names, or for a light that no scene takes; then nothing has changed.
+    """
+    view, frame, note = saved.view, saved.frame, ""
+    if frame is not None and frame >= len(session.series):
+        note = (
+            f"The saved view is of frame {frame}, and there are {len(session.series)} here: the frame stays."
+        )
+        frame = None
+    if session.light_fixed and saved.light is not None:
+        note = note or "The light of the saved view is left out: the light here is baked in."
+        view = view.with_changes(hide=(*view.conditions, *saved.light.conditions))
+    particles = session.particles if frame is None else session.series[frame]
+    if view.color_by is not None:
+        particles.scalar(view.color_by)
+    view.hidden(particles)
+    session.restore(saved.light, frame)
+    return view, note
+
+
 def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.SceneState:
     """Describe the data set, without its arrays."""
-    particles = session.particles
+    particles = session.particles.unscaled
     spheres = SphereSet.of(particles)
     names = [name for name in particles.names() if _drawable(particles, name)]
     return protocol.SceneState(
@@ -61,7 +96,8 @@ def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.Scen
         ),
         colormaps=tuple(colormap_names()),
         models=MODELS,
-        view=_view_json(view_of(session), spheres),
+        view=view_of(session).to_json(),
+        light_fixed=session.light_fixed,
         notice=notice,
     )
 
@@ -81,13 +117,13 @@ def light_state(session: Session) -> protocol.LightState:
         suns=lights.suns,
         globes=lights.globes,
         quads=lights.quads,
-        controls=_controls(scene, view_of(session).up),
+        lighting=Lighting.of(scene).to_json(),
     )
 
 
 def geometry(particles: Particles, epoch: int) -> Iterator[protocol.Geometry]:
-    """Yield the particles in parts of bounded size."""
-    spheres = SphereSet.of(particles)
+    """Yield the particles in parts of bounded size, radii as they are in the file."""
+    spheres = SphereSet.of(particles.unscaled)
     for start in range(0, len(particles), _PART):
         part = slice(start, start + _PART)
         yield protocol.Geometry(epoch, start, spheres.centers[part], spheres.radii[part])
@@ -145,7 +181,7 @@ def lights_with(
 ) -> tuple[Light, ...]:
     """Return `lights` with a new sky level, and azimuth, elevation, level and diameter of the first sun.
 
-    Other lights stay. A sky with a gradient keeps the ratio of its two levels.
+    Other lights stay. A sky with a gradient keeps the ratio of its two levels, and turns with `up`.
 
     Raises
     ------
@@ -153,13 +189,15 @@ def lights_with(
         For values out of range.
     """
     changed = list(lights)
+    upwards = up_frame(up)[2]
     if sky is not None:
         old = next((light for light in lights if isinstance(light, Sky)), None)
         if old is None:
             changed.insert(0, Sky(sky))
         else:
             ground = None if old.ground is None else old.ground * sky / old.level if old.level > 0 else sky
-            changed[changed.index(old)] = replace(old, level=sky, ground=ground)
+            axis = old.axis if ground is None else upwards
+            changed[changed.index(old)] = replace(old, level=sky, ground=ground, axis=axis)
     if sun is not None:
         azimuth, elevation, level, diameter = sun
         if not -90.0 <= elevation <= 90.0:
@@ -171,36 +209,6 @@ def lights_with(
         elif level > 0:
             changed.append(new)
     return tuple(changed)
-
-
-def _controls(scene: Scene, up: Up) -> dict[str, float | None]:
-    sky = next((light for light in scene.sources if isinstance(light, Sky)), None)
-    sun = next((light for light in scene.sources if isinstance(light, Sun)), None)
-    found: dict[str, float | None] = {
-        "sky": None if sky is None else float(sky.level),
-        "azimuth": None,
-        "elevation": None,
-        "sun": None,
-        "diameter": None,
-    }
-    if sun is not None:
-        x, y, z = up_frame(up) @ np.asarray(sun.direction)
-        found["azimuth"] = round(math.degrees(math.atan2(y, x)) % 360.0, 6)
-        found["elevation"] = round(math.degrees(math.asin(min(1.0, max(-1.0, float(z))))), 6)
-        found["sun"] = float(sun.level)
-        found["diameter"] = float(sun.angular_diameter)
-    return found
-
-
-def _view_json(view: View, spheres: SphereSet) -> dict[str, Any]:
-    found = view.to_json()
-    camera = found["camera"]
-    if camera is not None:
-        for name in ("eye", "target"):
-            camera[name] = spheres.to_unit(camera[name]).tolist()
-        if camera["height"] is not None:
-            camera["height"] = spheres.length_to_unit(camera["height"])
-    return found
 
 
 def _drawable(particles: Particles, name: str) -> bool:

@@ -6,11 +6,14 @@ import { BakedStore } from "./codecs.js";
 import { RGB, drawColorbar, grading, isCategorical, label, normalised, packed, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
-import { Panel, finder } from "./panel.js";
+import { debounced, download, finder } from "./dom.js";
+import { Shown } from "./hiding.js";
+import { Panel } from "./panel.js";
 import { KIND, decode, encode } from "./protocol.js";
 import { PARTICLES_WIDTH, Renderer } from "./renderer.js";
 import { Sight } from "./sight.js";
 import { TileStore } from "./tiles.js";
+import { cameraFromFile, settingsOf, viewJson } from "./views.js";
 
 /** @typedef {import("./camera.js").Camera} Camera */
 /** @typedef {import("./camera.js").Vec} Vec */
@@ -19,6 +22,7 @@ import { TileStore } from "./tiles.js";
 const ATLAS_BYTES = 64 << 20;
 const PIXELS_MAX = 4_000_000;
 const ASK_MS = 200;
+const LIGHT_DELAY_MS = 120; // after the last movement of a slider
 
 /**
  * What carries the bytes of messages: a socket, a notebook's comm, or a file that holds all there is to say.
@@ -54,7 +58,10 @@ export class App {
     this.status = null;
     /** @type {Camera | null} */
     this.camera = null;
-    this.sphereData = new Float32Array(0);
+    this.shown = new Shown(0, PARTICLES_WIDTH);
+    /** What is hidden from light too: as the server has it, or ahead of it while a slider moves. @type {import("./hiding.js").Condition[]} */
+    this.opened = [];
+    this.sendOpened = debounced(() => this.sendLight({ hide: this.opened }), LIGHT_DELAY_MS);
     /** @type {Map<string, Scalar>} */
     this.scalars = new Map();
     /** @type {Map<string, Uint8Array>} */
@@ -86,6 +93,13 @@ export class App {
       save: () => this.save(),
       layout: () => this.resize(),
       titled: (title) => host.titled?.(title),
+      up: () => this.upChanged(),
+      radius: (scale) => this.scaleRadii(scale),
+      hide: ({ keeps, opens }) => this.hideChanged(keeps, opens),
+      towardsMe: () => [...(this.camera ? cameras.unit(cameras.sub(this.camera.eye, this.camera.target)) : [0, 0, 1])],
+      rangeOf: (name) => this.scalars.get(name)?.range ?? null,
+      saveView: () => this.saveView(),
+      loadView: (text) => this.loadView(text),
     });
     this.renderer = this.makeRenderer();
     this.film = this.makeFilm();
@@ -164,6 +178,7 @@ export class App {
         if (head.ready || this.light?.model === "lambertian") this.trouble("notice", null);
         return this.showStatus();
       case KIND.error: return this.trouble("server", head.text, true);
+      case KIND.view: return this.takeView(head.view);
     }
   }
 
@@ -171,7 +186,8 @@ export class App {
   takeScene(head) {
     const again = this.scene !== null && this.scene.title === head.title;
     this.scene = head;
-    this.sphereData = new Float32Array(4 * head.count);
+    this.shown = new Shown(head.count, PARTICLES_WIDTH);
+    this.shown.setScale(this.light?.lighting.radius_scale ?? 1);
     this.scalars.clear();
     this.asked.clear();
     this.coloring = "";
@@ -185,8 +201,9 @@ export class App {
     this.panel.setScene(head, again);
     this.trouble("notice", head.notice || null);
     if (!again || this.camera === null) {
-      this.setCamera(head.view.camera ?? this.framed(this.firstDirection(), false));
+      this.setCamera(head.view.camera ? cameraFromFile(head.view.camera, head) : this.framed(this.firstDirection(), false));
     }
+    this.applyHiding();
     this.film.restart();
     this.colorChanged();
     this.toneChanged();
@@ -196,6 +213,12 @@ export class App {
   takeLight(head, arrays) {
     this.light = { ...head, ...arrays };
     this.lightRenderer();
+    if (!this.sendOpened.pending()) {
+      this.opened = head.lighting.hide;
+      this.panel.hiding.take({ keeps: this.panel.settings.hide, opens: this.opened });
+    }
+    this.scaleRadii(head.lighting.radius_scale);
+    this.applyHiding();
     this.tiles.setLight(head.key, arrays.decoding);
     this.coarse.setLight(head.key);
     this.panel.setLight(head);
@@ -215,15 +238,8 @@ export class App {
   /** @param {any} head @param {Record<string, any>} arrays */
   takeGeometry(head, arrays) {
     if (head.epoch !== this.scene?.epoch) return;
-    const { positions, radii } = arrays;
-    const part = this.sphereData.subarray(4 * head.start, 4 * (head.start + radii.length));
-    for (let k = 0; k < radii.length; k++) {
-      part[4 * k] = positions[3 * k];
-      part[4 * k + 1] = positions[3 * k + 1];
-      part[4 * k + 2] = positions[3 * k + 2];
-      part[4 * k + 3] = radii[k];
-    }
-    this.renderer.setSpheres(head.start, part);
+    this.shown.put(head.start, arrays.positions, arrays.radii);
+    this.uploadSpheres();
     this.film.restart();
     this.schedule();
   }
@@ -233,6 +249,8 @@ export class App {
     if (head.epoch !== this.scene?.epoch) return;
     const { labels } = this.scene.scalars.find((/** @type {any} */ each) => each.name === head.name) ?? { labels: null };
     this.scalars.set(head.name, { values: arrays.values, range: head.range, logRange: head.log_range, whole: head.whole, labels });
+    this.panel.hiding.show();
+    this.applyHiding();
     this.colorChanged();
   }
 
@@ -288,7 +306,7 @@ export class App {
     this.connection.send(encode(KIND.confirm, this.confirmed));
   }
 
-  /** @param {{model?: string, sky?: number, sun?: number[]}} change */
+  /** @param {{model?: string, sky?: number, sun?: number[], up?: string, hide?: object[], radius_scale?: number}} change */
   sendLight(change) {
     this.connection.send(encode(KIND.setLight, change));
   }
@@ -386,6 +404,84 @@ export class App {
     this.schedule();
   }
 
+  // What is shown ------------------------------------------------------------------------------------------------------
+
+  /** @param {import("./hiding.js").Condition[]} keeps @param {import("./hiding.js").Condition[]} opens */
+  hideChanged(keeps, opens) {
+    this.panel.settings.hide = keeps;
+    if (JSON.stringify(opens) !== JSON.stringify(this.opened)) {
+      this.opened = opens;
+      this.sendOpened();
+    }
+    this.applyHiding();
+  }
+
+  applyHiding() {
+    if (this.scene === null) return;
+    const { shown } = this;
+    const changed = shown.hide([...this.panel.settings.hide, ...this.opened], this.scalars, this.scene);
+    for (const name of shown.missing) this.askFor(KIND.scalarRequest, name);
+    this.panel.hiding.showCount(shown.hiddenCount, shown.count);
+    if (changed) this.uploadSpheres();
+  }
+
+  /** @param {number} scale of all radii */
+  scaleRadii(scale) {
+    if (this.shown.setScale(scale)) this.uploadSpheres();
+  }
+
+  /** The spheres have changed, and with them what is visible. */
+  uploadSpheres() {
+    this.shown.flush((start, part) => this.renderer.setSpheres(start, part));
+    if (this.camera !== null) this.film.setCamera(this.camera); // as after a move: coarse at first, then everything anew
+    this.schedule();
+  }
+
+  upChanged() {
+    if (this.camera === null || this.scene === null) return;
+    this.camera = { ...this.camera, up: cameras.upFrame(this.panel.settings.up)[2] };
+    this.setCamera(this.framed(this.firstDirection(), this.camera.height !== null));
+    if (!this.scene.light_fixed) this.sendLight({ sun: this.panel.sun(), sky: this.panel.sky(), up: this.panel.settings.up });
+  }
+
+  /** All that makes this picture, as luxel.SavedView has it. */
+  savedView() {
+    const { scene, light, camera } = this;
+    return {
+      luxel_view: 1, frame: scene.frame, view: viewJson(this.panel.settings, camera, scene),
+      light: scene.light_fixed ? null : { ...light.lighting, hide: this.opened, radius_scale: this.shown.scale },
+    };
+  }
+
+  saveView() {
+    if (this.scene === null || this.light === null) return;
+    const text = `${JSON.stringify(this.savedView(), null, 2)}\n`;
+    download(new Blob([text], { type: "application/json" }), `${this.scene.title.replace(/\.\w+$/, "")}.view.json`);
+  }
+
+  /** @param {string} text of a file */
+  loadView(text) {
+    let saved;
+    try {
+      saved = JSON.parse(text);
+    } catch (error) {
+      return this.trouble("server", `This is no view: ${error instanceof Error ? error.message : error}`, true);
+    }
+    if (typeof saved !== "object" || saved === null || Array.isArray(saved)) return this.trouble("server", "This is no view: it must be a JSON object", true);
+    this.connection.send(encode(KIND.loadView, { saved }));
+  }
+
+  /** @param {any} view as of View.to_json() */
+  takeView(view) {
+    Object.assign(this.panel.settings, settingsOf(view));
+    this.panel.refresh();
+    this.panel.hiding.take({ keeps: view.hide, opens: this.opened });
+    if (view.camera) this.setCamera(cameraFromFile(view.camera, this.scene));
+    this.applyHiding();
+    this.colorChanged();
+    this.toneChanged();
+  }
+
   // Camera -----------------------------------------------------------------------------------------------------------
 
   get aspect() {
@@ -394,12 +490,12 @@ export class App {
 
   /** @returns {Vec} from the target to the eye: that of Camera.framing */
   firstDirection() {
-    return cameras.direction(cameras.upFrame(this.scene.view.up), -Math.PI / 3, (25 * Math.PI) / 180);
+    return cameras.direction(cameras.upFrame(this.panel.settings.up), -Math.PI / 3, (25 * Math.PI) / 180);
   }
 
   /** @param {Vec} towards @param {boolean} orthographic @returns {Camera} */
   framed(towards, orthographic) {
-    const up = this.camera?.up ?? cameras.upFrame(this.scene.view.up)[2];
+    const up = this.camera?.up ?? cameras.upFrame(this.panel.settings.up)[2];
     return cameras.framing(this.scene.bounds, towards, { up, fov: this.camera?.fov ?? 30, aspect: this.aspect, orthographic });
   }
 
@@ -414,7 +510,7 @@ export class App {
     if (this.camera === null) return;
     const k = "xyz".indexOf(axis);
     const sign = negative ? -1 : 1;
-    const frame = cameras.upFrame(this.scene.view.up);
+    const frame = cameras.upFrame(this.panel.settings.up);
     /** @type {Vec} */
     let towards = [0, 0, 0];
     towards[k] = sign;
@@ -499,7 +595,8 @@ export class App {
       this.resize();
       if (this.scene !== null) {
         this.renderer.setScene(this.scene.count, 4);
-        this.renderer.setSpheres(0, this.sphereData);
+        this.shown.dirty.all();
+        this.shown.flush((start, part) => this.renderer.setSpheres(start, part));
         this.renderer.sets[0].setTiles(this.tiles, this.coarse, this.scene);
         this.renderer.sets[0].setBaked(this.baked);
       }
@@ -576,8 +673,8 @@ export class App {
     readout.hidden = id < 0;
     if (id < 0) return;
     const { center, unit } = this.scene;
-    const place = [0, 1, 2].map((a) => Number((center[a] + unit * this.sphereData[4 * id + a]).toPrecision(6)));
-    const lines = [`particle ${id}`, `at ${place.join(", ")}`, `radius ${Number((unit * this.sphereData[4 * id + 3]).toPrecision(4))}`];
+    const place = [0, 1, 2].map((a) => Number((center[a] + unit * this.shown.spheres[4 * id + a]).toPrecision(6)));
+    const lines = [`particle ${id}`, `at ${place.join(", ")}`, `radius ${Number((unit * this.shown.drawn[4 * id + 3]).toPrecision(4))}`];
     for (const [name, { values, labels, range }] of this.scalars) {
       const text = labels?.[values[id]] ?? (Number.isNaN(values[id]) ? "no data" : label(values[id], range[1] - range[0]));
       lines.push(`${name} ${text}`);
@@ -592,11 +689,7 @@ export class App {
     this.renderer.present(shown.pair, shown.count, { width: Math.floor(width * shown.scale), height: Math.floor(height * shown.scale), epoch: 0 });
     this.canvas.toBlob((blob) => {
       if (blob === null) return;
-      const link = document.createElement("a");
-      link.href = URL.createObjectURL(blob);
-      link.download = `${this.scene?.title ?? "luxel"}.png`;
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+      download(blob, `${this.scene?.title ?? "luxel"}.png`);
     });
   }
 }

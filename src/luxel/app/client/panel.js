@@ -1,6 +1,12 @@
 // The controls beside the picture: native inputs, read into one plain object of settings.
 
+import { upFrame } from "./camera.js";
 import { RGB, rgb } from "./colors.js";
+import { debounced, fill, finder } from "./dom.js";
+import { HidePanel } from "./hide_panel.js";
+import { settingsOf } from "./views.js";
+
+export { finder };
 
 /**
  * @typedef {object} Settings
@@ -12,13 +18,22 @@ import { RGB, rgb } from "./colors.js";
  * @property {string} noData
  * @property {number} exposure
  * @property {string} background
+ * @property {string} up
+ * @property {import("./hiding.js").Condition[]} hide without change of light
  */
 
 /**
  * @typedef {object} Listener
  * @property {() => void} color scalar, map, range or plain colour changed
  * @property {() => void} tone exposure or background changed
- * @property {(change: {model?: string, sky?: number, sun?: number[]}) => void} light
+ * @property {(change: {model?: string, sky?: number, sun?: number[], up?: string, radius_scale?: number}) => void} light
+ * @property {() => void} up another axis points up
+ * @property {(scale: number) => void} radius a slider is being moved; the light follows
+ * @property {(conditions: import("./hide_panel.js").Conditions) => void} hide
+ * @property {() => number[]} towardsMe unit vector from the target to the eye
+ * @property {(name: string) => [number, number] | null} rangeOf of a scalar, once it is here
+ * @property {() => void} saveView
+ * @property {(text: string) => void} loadView
  * @property {(frame: number) => void} frame
  * @property {() => void} fit
  * @property {(axis: string, negative: boolean) => void} axis
@@ -33,46 +48,20 @@ const MODEL_NAMES = /** @type {Record<string, string>} */ ({
   lambertian: "Lambertian", shadows: "Soft shadows", ao: "Ambient occlusion", interreflection: "Global illumination",
 });
 
-/**
- * Look up elements by id inside `root` only: a page may hold several apps.
- * @param {HTMLElement} root
- */
-export function finder(root) {
-  /** @template {HTMLElement} [T=HTMLInputElement] @param {string} id @returns {T} */
-  return (id) => {
-    const found = root.querySelector(`#${id}`);
-    if (found === null) throw new Error(`the page has no element #${id}`);
-    return /** @type {T} */ (found);
-  };
-}
-
-/** @param {HTMLSelectElement} select @param {[string, string][]} options value and text */
-function fill(select, options) {
-  select.replaceChildren(...options.map(([value, text]) => new Option(text, value)));
-}
-
-/** @param {() => void} action @param {number} delay */
-function debounced(action, delay) {
-  let timer = 0;
-  return () => {
-    clearTimeout(timer);
-    timer = window.setTimeout(action, delay);
-  };
-}
-
 export class Panel {
   /** @param {HTMLElement} root @param {Listener} listener */
   constructor(root, listener) {
     this.root = root;
     this.element = finder(root);
     this.listener = listener;
-    this.diameter = 15;
+    this.hiding = new HidePanel(root, listener);
     this.lastColormap = "viridis";
     /** @type {any} */
     this.scene = null;
     /** @type {Settings} */
     this.settings = {
       colorBy: null, colormap: "viridis", range: null, log: false, color: "#d9d5cc", noData: "#7f7f86", exposure: 1, background: "#17191d",
+      up: "z", hide: [],
     };
     const s = this.settings;
     /** @type {(id: string, type: string, action: (input: HTMLInputElement) => void) => void} */
@@ -94,10 +83,19 @@ export class Panel {
     on("exposure", "input", (input) => { s.exposure = 2 ** input.valueAsNumber; this.show(); listener.tone(); });
     on("background", "input", (input) => { s.background = input.value; this.show(); listener.tone(); });
     on("model", "change", (input) => listener.light({ model: input.value }));
-    const sky = debounced(() => listener.light({ sky: this.element("sky").valueAsNumber }), LIGHT_DELAY_MS);
-    const sun = debounced(() => listener.light({ sun: this.sun() }), LIGHT_DELAY_MS);
+    const sky = debounced(() => listener.light({ sky: this.sky(), up: s.up }), LIGHT_DELAY_MS);
+    const sun = debounced(() => listener.light({ sun: this.sun(), up: s.up }), LIGHT_DELAY_MS);
     on("sky", "input", () => { this.show(); sky(); });
-    for (const id of ["sun", "azimuth", "elevation"]) on(id, "input", () => { this.show(); sun(); });
+    for (const id of ["sun", "azimuth", "elevation", "diameter"]) on(id, "input", () => { this.show(); sun(); });
+    on("up", "change", (input) => { s.up = input.value; listener.up(); });
+    const radius = debounced(() => listener.light({ radius_scale: this.radiusScale }), LIGHT_DELAY_MS);
+    on("radius", "input", () => { this.show(); listener.radius(this.radiusScale); radius(); });
+    on("view-save", "click", () => listener.saveView());
+    on("view-load", "click", () => this.element("view-file").click());
+    on("view-file", "change", (input) => {
+      input.files?.[0]?.text().then((text) => listener.loadView(text));
+      input.value = ""; // so that the same file can be chosen again
+    });
     const frame = debounced(() => listener.frame(this.element("frame").valueAsNumber), LIGHT_DELAY_MS);
     on("frame", "input", () => { this.show(); frame(); });
     on("frame-all", "click", () => listener.fit());
@@ -143,26 +141,26 @@ export class Panel {
   }
 
   sun() {
-    return [this.element("azimuth").valueAsNumber, this.element("elevation").valueAsNumber, this.element("sun").valueAsNumber, this.diameter];
+    return [this.element("azimuth").valueAsNumber, this.element("elevation").valueAsNumber, this.element("sun").valueAsNumber, this.element("diameter").valueAsNumber];
+  }
+
+  sky() {
+    return this.element("sky").valueAsNumber;
+  }
+
+  get radiusScale() {
+    return Number((2 ** this.element("radius").valueAsNumber).toPrecision(4));
   }
 
   /** Take over a data set and its view. @param {any} scene @param {boolean} keep the user's own settings */
   setScene(scene, keep) {
     const s = this.settings;
+    if (!keep) Object.assign(s, settingsOf(scene.view));
     this.scene = scene;
-    if (!keep) {
-      const { view } = scene;
-      Object.assign(s, {
-        colorBy: view.color_by, colormap: view.colormap, range: view.range, log: view.log, color: view.color,
-        noData: view.nan_color, exposure: view.exposure, background: view.background,
-      });
-    }
-    const names = /** @type {string[]} */ (scene.scalars.map((/** @type {any} */ each) => each.name));
-    if (s.colorBy !== null && !names.includes(s.colorBy)) s.colorBy = null;
-    fill(this.element("color-by"), [["", "nothing"], ...names.map((name) => /** @type {[string, string]} */ ([name, name]))]);
-    if (s.colormap !== RGB) this.lastColormap = s.colormap;
-    this.fitColormap();
+    this.refresh();
     fill(this.element("model"), scene.models.map((/** @type {string} */ name) => [name, MODEL_NAMES[name] ?? name]));
+    this.hiding.setScene(scene);
+    for (const id of ["model", "sky", "sun", "azimuth", "elevation", "diameter", "radius"]) this.element(id).disabled = scene.light_fixed;
     this.element("title").textContent = scene.title;
     this.listener.titled(scene.title);
     const time = scene.time === null ? "" : ` · t = ${Number(scene.time.toPrecision(6))}`;
@@ -173,16 +171,30 @@ export class Panel {
     this.show();
   }
 
+  /** Take over settings that were changed elsewhere. */
+  refresh() {
+    const { scene, settings: s } = this;
+    const names = /** @type {string[]} */ (scene.scalars.map((/** @type {any} */ each) => each.name));
+    if (s.colorBy !== null && !names.includes(s.colorBy)) s.colorBy = null;
+    fill(this.element("color-by"), [["", "nothing"], ...names.map((name) => /** @type {[string, string]} */ ([name, name]))]);
+    if (s.colormap !== RGB) this.lastColormap = s.colormap;
+    this.fitColormap();
+    this.show();
+  }
+
   /** @param {any} light head of a light message */
   setLight(light) {
     this.element("model").value = light.model;
-    const { controls } = light;
+    const { lights, radius_scale: scale } = light.lighting;
+    const kind = (/** @type {string} */ name) => lights.find((/** @type {any} */ each) => each.kind === name);
+    const [sky, sun] = [kind("Sky"), kind("Sun")];
+    const shown = /** @type {Record<string, number>} */ ({ sky: sky?.level ?? 0, sun: sun?.level ?? 0, radius: Math.log2(scale) });
+    if (sun) Object.assign(shown, anglesOf(sun.direction, this.settings.up), { diameter: sun.angular_diameter });
     // A slider that is being dragged is ahead of the server; leave it alone.
-    for (const id of ["sky", "sun", "azimuth", "elevation"]) {
+    for (const [id, value] of Object.entries(shown)) {
       const input = this.element(id);
-      if (!input.matches(":focus")) input.value = String(controls[id] ?? 0);
+      if (!input.matches(":focus")) input.value = String(value);
     }
-    this.diameter = controls.diameter ?? this.diameter;
     this.root.classList.toggle("no-lights", light.model === "ao");
     this.show();
   }
@@ -204,10 +216,11 @@ export class Panel {
     if (s.range !== null) [this.element("low").value, this.element("high").value] = s.range.map(String);
     this.element("color").value = s.color;
     this.element("background").value = s.background;
+    this.element("up").value = s.up;
     this.element("exposure").value = String(Math.log2(s.exposure));
     const outputs = /** @type {Record<string, string>} */ ({
       exposure: `× ${s.exposure.toFixed(2)}`, sky: this.element("sky").valueAsNumber.toFixed(2), sun: this.element("sun").valueAsNumber.toFixed(1),
-      azimuth: `${this.element("azimuth").value}°`, elevation: `${this.element("elevation").value}°`,
+      azimuth: `${this.element("azimuth").value}°`, elevation: `${this.element("elevation").value}°`, diameter: `${this.element("diameter").value}°`, radius: `× ${this.radiusScale.toPrecision(3)}`,
       frame: `${this.element("frame").value} / ${this.element("frame").max}`,
     });
     for (const [id, text] of Object.entries(outputs)) this.element(`${id}-out`).textContent = text;
@@ -217,4 +230,11 @@ export class Panel {
     const [r, g, b] = rgb(s.background);
     this.element("stage").classList.toggle("bright", 0.3 * r + 0.59 * g + 0.11 * b > 0.5);
   }
+}
+
+/** Azimuth and elevation in degrees. @param {number[]} towards @param {string} up */
+function anglesOf(towards, up) {
+  const [x, y, z] = upFrame(up).map((axis) => axis.reduce((sum, a, k) => sum + a * towards[k], 0));
+  const degrees = (/** @type {number} */ angle) => Number(((angle * 180) / Math.PI).toFixed(3));
+  return { azimuth: degrees(Math.atan2(y, x) + (y < 0 ? 2 * Math.PI : 0)), elevation: degrees(Math.asin(Math.max(-1, Math.min(1, z)))) };
 }
