@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 import luxel
+from luxel.dynamic.cache import bytes_for
 from luxel.dynamic.work import TileBatch
 from luxel.errors import FrameError, InputError, SessionClosedError
 from luxel.particles import Particles
@@ -28,8 +30,8 @@ class FakeBaker:
     def first_light(self, ids: np.ndarray) -> np.ndarray:
         return np.repeat(ids[:, None] % 251, 4, axis=1).astype(np.float32)
 
-    def prepare(self, threads: int) -> None:
-        """Nothing to learn."""
+    def preparation(self, threads: int) -> Iterator[None]:
+        return iter(())  # nothing to learn
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
         codes[:] = ((ids + self.value) % 256).astype(np.uint8)[:, None, None]
@@ -248,7 +250,7 @@ def test_the_rate_is_over_the_last_seconds():
 
 
 def test_a_view_larger_than_the_budget_is_reported():
-    with open_session(max_bytes=40 * 16) as session:
+    with open_session(max_bytes=bytes_for(40, SPEC.texels, 100)) as session:
         session.sighted(range(100), EYE)
         session.wait()
         status = session.status()

@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from luxel.arrays import as_ids, as_vector
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.engine import Engine
-from luxel.dynamic.work import CoarseBatch, CoarseListener, Listener, TileBaker, TileBatch
+from luxel.dynamic.entries import ESTIMATE
+from luxel.dynamic.sightings import Ids
+from luxel.dynamic.work import Bakers, CoarseBatch, CoarseListener, Listener, TileBaker, TileBatch
 from luxel.errors import FormatError, FrameError, InputError, SessionClosedError
 from luxel.light.lights import luminance_scale
 from luxel.particles import Particles
@@ -53,6 +55,8 @@ class Status:
         Particles in the frame.
     ready, queued, baking, failed
         How many of them have a texture, wait for one, are being baked, or were given up after errors.
+    refining
+        How many of those that are ready have an estimate and wait for something better.
     evicted
         Textures of any light key given up for room since the session began.
     textures_per_s
@@ -71,6 +75,7 @@ class Status:
     queued: int = 0
     baking: int = 0
     failed: int = 0
+    refining: int = 0
     evicted: int = 0
     textures_per_s: float = 0.0
     over_budget: int = 0
@@ -243,11 +248,15 @@ class Session:
         lit = self._lit
         if (key is not None and key != lit.key) or lit.scene.model == "lambertian":
             return
-        visible = np.unique(as_ids(np.asarray(ids), len(lit.scene.particles)))
+        visible = as_ids(np.asarray(ids), len(lit.scene.particles))
+        if not (visible[1:] > visible[:-1]).all():
+            visible = np.sort(visible)
+            visible = visible[np.concatenate([[True], visible[1:] > visible[:-1]])]
+        elif visible is ids:
+            visible = visible.copy()  # it may be the caller's own, to be filled again
         spheres = SphereSet.of(lit.scene.particles)
-        from_eye = spheres.centers[visible] - spheres.to_unit(as_vector(eye, "eye"))
-        distance = np.sqrt(np.einsum("ij,ij->i", from_eye, from_eye)) / lit.diagonal
-        self._engine.request(lit.key, visible, distance, client)
+        at = spheres.to_unit(as_vector(eye, "eye"))
+        self._engine.request(lit.key, visible, _Look(spheres, at, lit.diagonal), client)
 
     def tiles(self, ids: ArrayLike, key: str | None = None) -> TileBatch:
         """Return the finished textures among `ids`, under the current light key or another that is still cached."""
@@ -256,8 +265,8 @@ class Session:
         key = lit.key if key is None else key
         count = self._cache.particle_count(key)
         wanted = as_ids(np.asarray(ids) if count else [], count)
-        ready, codes = self._cache.lookup(key, wanted)
-        return TileBatch(key, wanted[ready], codes, stale=key != lit.key)
+        ready, codes, grades = self._cache.lookup(key, wanted)
+        return TileBatch(key, wanted[ready], codes, grades == ESTIMATE, stale=key != lit.key)
 
     def first_light(self, ids: ArrayLike, key: str | None = None) -> CoarseBatch:
         """Return the coarse records that there are among `ids`, under the current light key; none for another."""
@@ -365,11 +374,13 @@ class Session:
     def status(self) -> Status:
         """Return what the session is doing."""
         lit = self._lit
+        self._engine.settle()
         counts = self._cache.counts(lit.key)
         return Status(
             key=lit.key,
             particles=len(lit.scene.particles),
-            ready=counts.ready,
+            ready=counts.ready + counts.refining,
+            refining=counts.refining,
             queued=counts.queued,
             baking=counts.baking,
             failed=counts.failed,
@@ -425,15 +436,28 @@ class Session:
                 remedy="bake it again",
             )
         self._engine.select(
-            key, len(scene.particles), scale, self.spec.encoding, lambda: self._baker(frame, scene)
+            key, len(scene.particles), scale, self.spec.encoding, lambda: self._bakers(frame, scene)
         )
         low, high = SphereSet.of(scene.particles).bounds()
         return _Lit(frame, scene, key, scale, float(np.linalg.norm(high - low)))
 
-    def _baker(self, frame: int, scene: Scene) -> TileBaker:
+    def _bakers(self, frame: int, scene: Scene) -> Bakers:
         if self._baked is not None:
-            return StoredBaker(self._baked[frame])
-        return self._make_baker(scene, self.spec)
+            return Bakers(StoredBaker(self._baked[frame]))
+        return Bakers(self._make_baker(scene, self.spec))
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """Measures how far particles are from an eye; a :data:`luxel.dynamic.sightings.Measure`."""
+
+    spheres: SphereSet
+    eye: NDArray[np.float64]  # normalised units
+    diagonal: float
+
+    def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], None]:
+        away = self.spheres.centers.take(ids, axis=0) - self.eye
+        return np.sqrt((away * away).sum(axis=1)) / self.diagonal, None
 
 
 class SessionTextures:

@@ -14,10 +14,11 @@ from PIL import Image
 import luxel
 from luxel import render
 from luxel.app.viewer import Viewer
+from luxel.picture.image import Image as RayTraced
 from luxel.textures.textures import TextureSource
 from tests.app.chromium import Page
 
-__all__ = ["WAIT_S", "agree", "capture", "choose", "settle"]
+__all__ = ["WAIT_S", "agree", "capture", "choose", "match", "settle"]
 
 WAIT_S = 120.0  # only ever waited for when a test is about to fail
 
@@ -74,6 +75,11 @@ def agree(
         colorbar=False,
         key=session.key,
     )
+    match(pixels, ids, picture, what, mean_max)
+
+
+def match(pixels: np.ndarray, ids: np.ndarray, picture: RayTraced, what: str, mean_max: float = 2.0) -> None:
+    """A page's capture is a picture of the ray tracer."""
     folder = Path(os.environ.get("LUXEL_PICTURES", tempfile.gettempdir()))
     try:
         covered = (ids >= 0) | (picture.ids >= 0)

@@ -47,8 +47,8 @@ class InstantBaker:
     def first_light(self, ids: np.ndarray) -> np.ndarray:
         return np.repeat(ids[:, None] % 251, 4, axis=1).astype(np.float32)
 
-    def prepare(self, threads: int) -> None:
-        """Nothing to learn."""
+    def preparation(self, threads: int) -> Iterator[None]:
+        return iter(())  # nothing to learn
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
         codes[:] = (ids % 251).astype(np.uint8)[:, None, None]

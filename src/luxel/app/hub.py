@@ -16,6 +16,7 @@ from luxel.app import baked, protocol, state
 from luxel.app.feed import Feed
 from luxel.dynamic.work import CoarseBatch, TileBatch
 from luxel.errors import InputError, LuxelError, ProtocolError
+from luxel.kernels.jit import cold
 from luxel.particles import Particles
 from luxel.scene.hiding import condition_from_json
 from luxel.scene.saved import SavedView
@@ -24,12 +25,17 @@ from luxel.session import Session
 from luxel.textures.store.reader import BakedFrame
 from luxel.trace.spheres import SphereSet
 
-__all__ = ["Hub", "Page"]
+__all__ = ["Hub", "Page", "cold_notice"]
 
 _log = logging.getLogger(__name__)
 _STATUS_PERIOD_S = 0.25
 _COARSE_COUNT = 8192  # records in one message: 96 kB
 _IDLE_PERIOD_S = 0.5  # between looks whether somebody changed the session from Python
+
+
+def cold_notice() -> str:
+    """Return what pages say until the first light arrives, if kernels have to be compiled first."""
+    return "Compiling light kernels for this machine (once) …" if cold() else ""
 
 
 class Page:
@@ -256,6 +262,8 @@ class Hub:
             # The first look at new particles normalises them, which takes a while for millions.
             particles = session.particles.unscaled
             await asyncio.to_thread(SphereSet.of, particles)
+            if particles is self._particles:
+                return  # two pages came at once, and all is told already
             self._particles, self._key = particles, session.key
             self._epoch += 1
             stored = session.stored

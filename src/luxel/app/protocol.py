@@ -228,7 +228,7 @@ class SceneState(Message):
     texels, mapping
         Rows and columns of a tile, and how they map to directions, see :class:`luxel.TextureSpec`.
     scalars
-        For each scalar ``{"name": ..., "labels": [...] or None}``.
+        For each scalar ``{"name": ..., "labels": [...] or None, "colors": whether its components can be shown as colours}``.
     view
         As of ``View.to_json()``, in file units.
     light_fixed

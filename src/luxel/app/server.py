@@ -21,13 +21,13 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from luxel.app.bundle import CLIENT_FOLDER
 from luxel.app.hub import Hub, Page
 from luxel.app.limits import PAGES_MAX, Allowance
 from luxel.app.protocol import SUBPROTOCOL
 from luxel.errors import ProtocolError, SessionClosedError
 
 __all__ = [
-    "CLIENT_FOLDER",
     "CLOSE_BAD_MESSAGE",
     "CLOSE_TOO_MANY",
     "CLOSE_UNAUTHORISED",
@@ -36,7 +36,6 @@ __all__ = [
     "make_app",
 ]
 
-CLIENT_FOLDER = Path(__file__).parent / "client"
 CLOSE_BAD_MESSAGE = 4400
 CLOSE_UNAUTHORISED = 4401
 CLOSE_WRONG_VERSION = 4406

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from luxel.app import protocol
+from luxel.arrays import as_colors
 from luxel.errors import InputError
 from luxel.light.lights import luminance_scale, pack_lights, scene_white
 from luxel.particles import Particles
@@ -91,6 +92,7 @@ def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.Scen
             {
                 "name": name,
                 "labels": list(particles.categories[name]) if name in particles.categories else None,
+                "colors": _are_colors(particles, name),
             }
             for name in names
         ),
@@ -246,6 +248,15 @@ def lights_with(
 
 def _drawable(particles: Particles, name: str) -> bool:
     return particles.scalar(name).dtype.kind in "fiu"
+
+
+def _are_colors(particles: Particles, name: str) -> bool:
+    """Whether a scalar can be shown as it is, see ``View.colormap``."""
+    try:
+        as_colors(particles.scalars.get(name, ()), len(particles))
+    except InputError:
+        return False
+    return True
 
 
 def _title(series: object) -> str:

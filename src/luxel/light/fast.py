@@ -29,7 +29,7 @@ _TRAINING_SETS = 16
 _TRAINING_CANDIDATES = 16_384
 _TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
 _LIT = 0.02  # of the luminance scale
-# Particles whose records saw no light get one sample a texel; if these see less than this, they stay so.
+# Error told of particles in which neither their record nor a sample a texel found light, of the luminance scale.
 _DARK = 0.002
 # Independent drawings of one texture.
 _DRAWN, _FIRST, _SECOND = 0, 1, 2
@@ -76,14 +76,11 @@ class FastLight:
         dark = self._dark(ids) if self._samples > 1 else np.zeros(len(ids), np.bool_)
         if not dark.any():
             return learned.apply(self._draw(ids, self._samples, _DRAWN))
-        luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
-        error = np.empty(len(ids), np.float32)
+        luminance = np.zeros((len(ids), self._texels, self._texels), np.float32)
+        error = np.full(len(ids), _DARK * self._scale, np.float32)
         seen, sun = self._draw(ids[dark], 1, _DRAWN)
         glimpse = seen.mean if sun is None else seen.mean + sun.mean
-        black = glimpse.mean(axis=(1, 2)) < _DARK * self._scale
-        still = np.flatnonzero(dark)[black]
-        luminance[still], error[still] = glimpse[black], _DARK * self._scale
-        rest = np.setdiff1d(np.arange(len(ids)), still)
+        rest = np.setdiff1d(np.arange(len(ids)), np.flatnonzero(dark)[~glimpse.any(axis=(1, 2))])
         if len(rest):
             luminance[rest], error[rest] = learned.apply(self._draw(ids[rest], self._samples, _DRAWN))
         return luminance, error

@@ -11,10 +11,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from luxel.arrays import as_colors
 from luxel.errors import InputError
 from luxel.particles import Particles
 from luxel.scene.camera import Camera
-from luxel.scene.colormap import colormap_table, hex_color, rgb, srgb_to_linear
+from luxel.scene.colormap import RGB, colormap_table, hex_color, rgb, srgb_to_linear
 from luxel.scene.hiding import Condition, as_conditions, condition_from_json, hidden
 from luxel.scene.lights import Up, up_frame
 
@@ -35,7 +36,8 @@ class View:
         Name of a scalar (``"stress"``), a component (``"velocity.x"``) or a vector, by magnitude; None gives all
         particles the same `color`.
     colormap
-        Any of matplotlib's names.
+        Any of matplotlib's names; or ``"rgb"``: then `color_by` names a vector whose three components are the colours
+        themselves, sRGB, whole numbers 0..255 or others 0..1.
     range
         Scalar values of the map's first and last colour; None takes the finite minimum and maximum.
     log
@@ -76,7 +78,7 @@ class View:
             raise InputError(f"color_by must be the name of a scalar or None, got {self.color_by!r}")
         if not isinstance(self.colormap, str):
             raise InputError(f"colormap must be a name such as viridis, got {self.colormap!r}")
-        if self.colormap != "viridis":  # matplotlib is slow to import
+        if self.colormap not in ("viridis", RGB):  # matplotlib is slow to import
             colormap_table(self.colormap)
         if not isinstance(self.log, bool | np.bool_):
             raise InputError(f"log must be true or false, got {self.log!r}")
@@ -123,7 +125,7 @@ class View:
         So are scalars with category labels, and whole numbers under a qualitative map (tab10 ...), unless the view has
         a range or a logarithmic scale.
         """
-        if self.color_by is None or self.range is not None or self.log:
+        if self.color_by is None or self.colormap == RGB or self.range is not None or self.log:
             return False
         if self.color_by in particles.categories:
             return True
@@ -202,9 +204,17 @@ class View:
         ------
         ScalarError
             If the particles have no such scalar.
+        InputError
+            If it is to be shown as it is, but its values are no colours.
         """
         if self.color_by is None:
             return np.tile(_linear(self.color), (len(particles), 1))
+        if self.colormap == RGB:
+            values = particles.scalars.get(self.color_by)
+            if values is None:
+                values = particles.scalar(self.color_by)  # says which there are
+            given = as_colors(values, len(particles), f"scalar {self.color_by!r} as colours")
+            return srgb_to_linear(given if given.dtype == np.float32 else given / np.float32(255))
         table = np.concatenate([srgb_to_linear(self.lut() / 255.0), [srgb_to_linear(rgb(self.nan_color))]])
         return table.astype(np.float32)[lut_rows(self.normalised(particles), len(table) - 1)]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
 import numpy as np
@@ -99,6 +99,11 @@ class Baker:
         """Do now, on several threads, what the first bake of ``fast`` mode would do on one: learn the filter."""
         if self.spec.mode == "fast":
             self._fast.prepare(thread_count(threads))
+
+    def preparation(self, threads: int) -> Iterator[None]:
+        """As :meth:`prepare`, a little with every step."""
+        self.prepare(threads)
+        yield
 
 
 def bake(

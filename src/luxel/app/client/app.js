@@ -3,7 +3,7 @@
 import * as cameras from "./camera.js";
 import { CoarseStore } from "./coarse.js";
 import { BakedStore } from "./codecs.js";
-import { drawColorbar, grading, isCategorical, normalised, rgb, toLinear } from "./colors.js";
+import { RGB, drawColorbar, grading, isCategorical, normalised, packed, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
 import { debounced, download, finder } from "./dom.js";
@@ -34,7 +34,8 @@ const LIGHT_DELAY_MS = 120; // after the last movement of a slider
  * @property {(message: ArrayBuffer) => void} send dropped while there is no connection
  * @property {boolean} connected
  * @property {((message: ArrayBuffer) => void) | null} onmessage
- * @property {((trouble: string | null) => void) | null} onstate with null when a connection is made, else with what is wrong, in words
+ * @property {(() => void) | null} onopen a connection is made, perhaps anew: nothing that was said before counts any more
+ * @property {((trouble: string | null, mild?: boolean) => void) | null} ontrouble what is wrong, in words; null when it no longer is
  */
 
 export class App {
@@ -111,9 +112,11 @@ export class App {
     this.renderer = this.makeRenderer();
     this.film = this.makeFilm();
     connection.onmessage = (message) => this.receive(decode(message));
-    connection.onstate = (trouble) => {
-      this.trouble("connection", trouble);
-      if (trouble !== null) return;
+    connection.ontrouble = (trouble, mild = false) => {
+      this.trouble("connection", mild ? null : trouble);
+      this.trouble("waiting", mild ? trouble : null);
+    };
+    connection.onopen = () => {
       this.confirmed = { batches: 0, coarse: 0, parts: 0 };
       this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
     };
@@ -145,7 +148,7 @@ export class App {
   close() {
     this.closing.abort();
     clearTimeout(this.askTimer);
-    this.connection.onmessage = this.connection.onstate = null;
+    this.connection.onmessage = this.connection.onopen = this.connection.ontrouble = null;
     this.connection.close();
     // Browsers keep few graphics contexts, and collect those without owner late.
     this.renderer.gl.getExtension("WEBGL_lose_context")?.loseContext();
@@ -342,10 +345,13 @@ export class App {
     const { look } = this.renderer;
     look.color = rgb(s.color).map(toLinear);
     look.noData = rgb(s.noData).map(toLinear);
-    const scalar = s.colorBy === null ? null : this.scalars.get(s.colorBy);
+    const own = s.colorBy !== null && s.colormap === RGB;
+    const scalar = s.colorBy === null || own ? null : this.scalars.get(s.colorBy);
     const lut = this.luts.get(s.colormap);
-    if (s.colorBy !== null && scalar === undefined) this.askFor(KIND.scalarRequest, s.colorBy);
-    if (s.colorBy !== null && lut === undefined) this.askFor(KIND.colormapRequest, s.colormap);
+    if (own) {
+      this.showOwnColors(/** @type {string} */ (s.colorBy));
+    } else if (s.colorBy !== null && scalar === undefined) this.askFor(KIND.scalarRequest, s.colorBy);
+    if (s.colorBy !== null && !own && lut === undefined) this.askFor(KIND.colormapRequest, s.colormap);
     if (s.colorBy === null) {
       look.uniform = true;
     } else if (scalar && lut) {
@@ -355,12 +361,27 @@ export class App {
         this.renderer.setLut(lut);
         this.coloring = wanted;
       }
-      look.uniform = false;
+      look.uniform = look.packed = false;
       this.panel.setShownRange(s.log ? scalar.logRange : scalar.range);
     }
     this.drawBar();
     this.film.lightChanged();
     this.schedule();
+  }
+
+  /** Show a vector's components as colours, once they are all here. @param {string} name */
+  showOwnColors(name) {
+    const names = ["x", "y", "z"].map((component) => `${name}.${component}`);
+    const channels = names.flatMap((each) => this.scalars.get(each) ?? []);
+    for (const each of names) if (!this.scalars.has(each)) this.askFor(KIND.scalarRequest, each);
+    if (channels.length < 3) return;
+    const wanted = JSON.stringify([this.scene.epoch, name, RGB]);
+    if (wanted !== this.coloring) {
+      this.renderer.setValues(packed(channels));
+      this.coloring = wanted;
+    }
+    this.renderer.look.uniform = false;
+    this.renderer.look.packed = true;
   }
 
   /** @param {number} kind @param {string} name */
@@ -562,11 +583,15 @@ export class App {
 
   step() {
     if (this.renderer.gl.isContextLost()) return;
-    for (const set of this.renderer.sets) set.upload();
+    this.upload();
     const more = this.film.step();
     const now = performance.now();
     if (now - this.statusAt > 500) this.showStatus();
     if (more) this.schedule();
+  }
+
+  upload() {
+    for (const set of this.renderer.sets) set.upload();
   }
 
   /** Run what may fail for lack of graphics, and say so. @param {() => void} action */
@@ -655,7 +680,7 @@ export class App {
     const banner = this.element("banner");
     banner.textContent = [...this.troubles.values()].join("\n");
     banner.hidden = this.troubles.size === 0;
-    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice"));
+    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice" || key === "waiting"));
   }
 
   /** Tell about the particle at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */

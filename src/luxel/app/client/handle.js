@@ -48,7 +48,7 @@ export function handle(app) {
     },
     /** The picture (RGBA) and ids of pixel centres, rows from the bottom, as base64. */
     capture: () => {
-      for (const set of app.renderer.sets) set.upload();
+      app.upload(); // what came since the last frame counts
       const { width, height, pixels, ids } = app.renderer.capture(/** @type {Camera} */ (app.camera));
       return { width, height, pixels: base64(pixels), ids: base64(ids) };
     },

@@ -1,7 +1,7 @@
 // The controls beside the picture: native inputs, read into one plain object of settings.
 
 import { upFrame } from "./camera.js";
-import { rgb } from "./colors.js";
+import { RGB, rgb } from "./colors.js";
 import { debounced, fill, finder } from "./dom.js";
 import { HidePanel } from "./hide_panel.js";
 import { settingsOf } from "./views.js";
@@ -55,6 +55,7 @@ export class Panel {
     this.element = finder(root);
     this.listener = listener;
     this.hiding = new HidePanel(root, listener);
+    this.lastColormap = "viridis";
     /** @type {any} */
     this.scene = null;
     /** @type {Settings} */
@@ -71,9 +72,10 @@ export class Panel {
     on("color-by", "change", (input) => {
       s.colorBy = input.value || null;
       s.range = null;
+      this.fitColormap();
       this.color();
     });
-    on("colormap", "change", (input) => { s.colormap = input.value; this.color(); });
+    on("colormap", "change", (input) => { s.colormap = input.value; if (s.colormap !== RGB) this.lastColormap = s.colormap; this.color(); });
     on("log", "change", (input) => { s.log = input.checked; s.range = null; this.color(); });
     on("auto", "change", (input) => { s.range = input.checked ? null : this.typedRange(); this.color(); });
     for (const id of ["low", "high"]) on(id, "change", () => { s.range = this.typedRange() ?? s.range; this.color(); });
@@ -116,6 +118,17 @@ export class Panel {
     const folded = this.root.classList.toggle("folded");
     this.element("fold").setAttribute("aria-expanded", String(!folded));
     this.listener.layout();
+  }
+
+  /** Colours are shown as they are until somebody wants a map, and nothing else ever is. */
+  fitColormap() {
+    const s = this.settings;
+    const colors = this.scene.scalars.some((/** @type {any} */ each) => each.name === s.colorBy && each.colors);
+    if (colors !== (s.colormap === RGB)) s.colormap = colors ? RGB : this.lastColormap;
+    const known = /** @type {string[]} */ (this.scene.colormaps);
+    const maps = s.colormap === RGB || known.includes(s.colormap) ? known : [s.colormap, ...known];
+    const options = maps.map((name) => /** @type {[string, string]} */ ([name, name]));
+    fill(this.element("colormap"), colors ? [[RGB, "own colours"], ...options] : options);
   }
 
   color() {
@@ -171,8 +184,8 @@ export class Panel {
     const names = /** @type {string[]} */ (scene.scalars.map((/** @type {any} */ each) => each.name));
     if (s.colorBy !== null && !names.includes(s.colorBy)) s.colorBy = null;
     fill(this.element("color-by"), [["", "nothing"], ...names.map((name) => /** @type {[string, string]} */ ([name, name]))]);
-    const maps = /** @type {string[]} */ (scene.colormaps.includes(s.colormap) ? scene.colormaps : [s.colormap, ...scene.colormaps]);
-    fill(this.element("colormap"), maps.map((name) => [name, name]));
+    if (s.colormap !== RGB) this.lastColormap = s.colormap;
+    this.fitColormap();
     this.show();
   }
 
@@ -218,6 +231,7 @@ export class Panel {
     for (const [id, text] of Object.entries(outputs)) this.element(`${id}-out`).textContent = text;
     this.root.classList.toggle("uniform", s.colorBy === null);
     this.root.classList.toggle("coloured", s.colorBy !== null);
+    this.root.classList.toggle("own-colors", s.colorBy !== null && s.colormap === RGB);
     const [r, g, b] = rgb(s.background);
     this.element("stage").classList.toggle("bright", 0.3 * r + 0.59 * g + 0.11 * b > 0.5);
   }

@@ -19,8 +19,10 @@ export class SocketTransport {
     this.attempts = 0;
     /** @type {Transport["onmessage"]} */
     this.onmessage = null;
-    /** @type {Transport["onstate"]} */
-    this.onstate = null;
+    /** @type {Transport["onopen"]} */
+    this.onopen = null;
+    /** @type {Transport["ontrouble"]} */
+    this.ontrouble = null;
     /** @type {WebSocket | null} */
     this.socket = null;
   }
@@ -31,7 +33,8 @@ export class SocketTransport {
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.attempts = 0;
-      this.onstate?.(null);
+      this.ontrouble?.(null);
+      this.onopen?.();
     };
     socket.onmessage = (event) => {
       if (this.socket === socket) this.onmessage?.(event.data);
@@ -41,10 +44,10 @@ export class SocketTransport {
       this.socket = null;
       const known = FINAL.get(event.code);
       if (known !== undefined) {
-        this.onstate?.(`${known}: ${event.reason}`);
+        this.ontrouble?.(`${known}: ${event.reason}`);
         return;
       }
-      this.onstate?.("Disconnected from the server — trying again …");
+      this.ontrouble?.("Disconnected from the server — trying again …");
       setTimeout(() => this.open(), RETRY_MS[Math.min(this.attempts++, RETRY_MS.length - 1)]);
     };
     this.socket = socket;
