@@ -21,6 +21,7 @@ _HOMES = {
     "CodecChoice": "luxel.textures.store.layout",
     "Cut": "luxel.scene.hiding",
     "Lighting": "luxel.scene.saved",
+    "Frames": "luxel.picture.frames",
     "LuminanceTextures": "luxel.textures.textures",
     "LuxelError": "luxel.errors",
     "Particles": "luxel.particles",

@@ -372,7 +372,8 @@ class Engine:
             paces = {
                 kind: pace for kind, pace in self._paces.items() if not must_fit or pace.each_s <= left_s
             }
-            most = {kind: pace.count(limit_s) for kind, pace in paces.items()}
+            careful = not math.isinf(left_s)
+            most = {kind: pace.count(limit_s, careful=careful) for kind, pace in paces.items()}
             self._turn += 1
             turn = self._turn
             self._busy += 1

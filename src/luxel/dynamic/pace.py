@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 __all__ = ["Pace", "Rate"]
 
 _LARGEST_PIECE = 1024
+# Before anything is known: tiny pieces would be as many messages to a page, but a frame's budget must not be overrun by much.
+_FIRST_PIECE, _FIRST_CAREFUL_PIECE = 16, 1
 _WINDOW_S = 3.0
 
 
@@ -22,7 +23,7 @@ class Pace:
 
     def __init__(self) -> None:
         self.each_s = 0.0
-        self._largest = 1
+        self._largest = 0  # pieces at most double
 
     def record(self, took_s: float, count: int) -> None:
         """Note that `count` particles took so many seconds."""
@@ -31,11 +32,12 @@ class Pace:
         self.each_s = now if self.each_s == 0 else min(max(now, self.each_s / 2), self.each_s * 2)
         self._largest = min(_LARGEST_PIECE, max(self._largest, 2 * count))
 
-    def count(self, limit_s: float) -> int:
-        """Particles that take about `limit_s` seconds, at least one; few before anything is known."""
-        if self.each_s == 0 or math.isinf(limit_s):
-            return self._largest
-        return int(max(1, min(limit_s / self.each_s, self._largest)))
+    def count(self, limit_s: float, *, careful: bool = False) -> int:
+        """Particles that take about `limit_s` seconds, at least one; few before anything is known, and one if `careful`."""
+        largest = self._largest or (_FIRST_CAREFUL_PIECE if careful else _FIRST_PIECE)
+        if self.each_s == 0:
+            return largest
+        return int(max(1, min(limit_s / self.each_s, largest)))
 
 
 class Rate:

@@ -191,8 +191,10 @@ class RequestQueue:
             Who.
         """
         self._settle_taken()
-        self._stale = True
         known = self._clients.setdefault(client, _Client())
+        if not len(ids) and not len(known.latest):
+            return
+        self._stale = True
         since = np.full(len(ids), now_s)
         old = known.latest
         if np.array_equal(ids, old.ids):

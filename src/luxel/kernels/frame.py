@@ -22,7 +22,7 @@ from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, place_of, trace_til
 from luxel.kernels.tone import develop_rows
 from luxel.kernels.tree_trace import Scratch, scratch
 
-__all__ = ["Bench", "Skin", "draw_frame", "gather_seen", "make_bench"]
+__all__ = ["Bench", "Skin", "draw_frame", "gather_seen", "make_bench", "slots_digest"]
 
 _ZERO, _QUARTER, _ONE, _TWO = (np.float32(x) for x in (0, 0.25, 1, 2))
 # Rays closer than so many radii read textures at one point; the filter opens up over as much again.
@@ -332,25 +332,42 @@ def draw_frame(
             develop_rows(total, rays, tone, ty, min(ty + TILE, height), picture)
 
 
-@kernel
-def gather_seen(seen, slot, clear, found):
-    """List the particles marked in `seen`, ascending, into `found`; return how many, and how many of them have a texture, or first light.
+@kernel(inline=True)
+def _mixed(particle, slot):
+    """Hash of one particle's slot; sums of them tell whether any of many slots has changed."""
+    h = (np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)
+    h = (h ^ (h >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+    return (h ^ (h >> np.uint64(32))) * np.uint64(0x94D049BB133111EB)
 
-    `seen` is (N',) uint8 with N' a multiple of 8 and at least N; with `clear`, marks are removed.
+
+@kernel
+def gather_seen(seen, slot, found):
+    """List the particles marked in `seen`, ascending, into `found` (N,) int32.
+
+    Returns how many, how many of them have a texture, how many only first light, and the digest of their slots. `seen` is
+    (N',) uint8 with N' a multiple of 8 and at least N.
     """
     words = seen.view(np.uint64)
     count = textured = dim = 0
+    digest = np.uint64(0)
     for w in range(words.shape[0]):
         if words[w] == 0:
             continue
         for i in range(8 * w, 8 * w + 8):
             if seen[i]:
+                s = slot[i]
                 found[count] = i
                 count += 1
-                if slot[i] >= 0:
-                    textured += 1
-                elif slot[i] == FIRST_LIGHT:
-                    dim += 1
-        if clear:
-            words[w] = 0
-    return count, textured, dim
+                textured += s >= 0
+                dim += s == FIRST_LIGHT
+                digest += _mixed(i, s)
+    return count, textured, dim, digest
+
+
+@kernel
+def slots_digest(ids, slot):
+    """Sum of hashes of the slots of particles: what `gather_seen` returns last."""
+    digest = np.uint64(0)
+    for k in range(ids.shape[0]):
+        digest += _mixed(ids[k], slot[ids[k]])
+    return digest

@@ -46,9 +46,6 @@ class World(NamedTuple):
     albedo: np.float32
     reach: np.float32  # rays of ambient occlusion end here
     max_bounces: int
-    persistence: (
-        np.float32
-    )  # the largest share of paths that go on after a bounce: 1, less where few need to be followed
     seed: np.uint64
     cell: Periodic | None  # light repeats with it; kernels are compiled apart for None, which costs nothing
 
@@ -115,9 +112,9 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
 
 
 @kernel(inline=True, borrows=True)
-def survival(world, weight, bounce):
+def survival(weight, bounce):
     """Probability with which a path of this weight goes on after so many bounces."""
-    return min(weight, world.persistence if bounce <= _PATIENCE else min(world.persistence, _SURVIVAL))
+    return min(weight, _ONE if bounce <= _PATIENCE else _SURVIVAL)
 
 
 @kernel(borrows=True)
@@ -132,7 +129,7 @@ def path_tail(world, work, sphere, px, py, pz, offset, state):
     while bounces < world.max_bounces:
         bounces += 1
         weight *= world.albedo
-        chance = survival(world, weight, bounces)
+        chance = survival(weight, bounces)
         state = next_state(state)
         u, v = uniform(state)
         if u >= chance:

@@ -246,7 +246,7 @@ def _roulette(world, waves, count, bounce, values):
     alive = 0
     for k in range(count):
         weight = waves.weight[k] * world.albedo
-        chance = survival(world, weight, bounce)
+        chance = survival(weight, bounce)
         waves.state[k] = next_state(waves.state[k])
         u, _ = uniform(waves.state[k])
         if u >= chance:

@@ -29,10 +29,8 @@ _TRAINING_SETS = 16
 _TRAINING_CANDIDATES = 16_384
 _TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
 _LIT = 0.02  # of the luminance scale
-# Particles whose records saw no light get one sample a texel; if these see less than this, they stay so.
+# Error told of particles in which neither their record nor a sample a texel found light, of the luminance scale.
 _DARK = 0.002
-# Of their paths so many go on after each bounce: enough to find light, and there is hardly any picture of it to spoil.
-_PERSISTENCE = 0.5
 # Independent drawings of one texture.
 _DRAWN, _FIRST, _SECOND = 0, 1, 2
 
@@ -78,14 +76,11 @@ class FastLight:
         dark = self._dark(ids) if self._samples > 1 else np.zeros(len(ids), np.bool_)
         if not dark.any():
             return learned.apply(self._draw(ids, self._samples, _DRAWN))
-        luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
-        error = np.empty(len(ids), np.float32)
-        seen, sun = self._draw(ids[dark], 1, _DRAWN, persistence=_PERSISTENCE)
+        luminance = np.zeros((len(ids), self._texels, self._texels), np.float32)
+        error = np.full(len(ids), _DARK * self._scale, np.float32)
+        seen, sun = self._draw(ids[dark], 1, _DRAWN)
         glimpse = seen.mean if sun is None else seen.mean + sun.mean
-        black = glimpse.mean(axis=(1, 2)) < _DARK * self._scale
-        still = np.flatnonzero(dark)[black]
-        luminance[still], error[still] = glimpse[black], _DARK * self._scale
-        rest = np.setdiff1d(np.arange(len(ids)), still)
+        rest = np.setdiff1d(np.arange(len(ids)), np.flatnonzero(dark)[~glimpse.any(axis=(1, 2))])
         if len(rest):
             luminance[rest], error[rest] = learned.apply(self._draw(ids[rest], self._samples, _DRAWN))
         return luminance, error
@@ -103,8 +98,8 @@ class FastLight:
         """Whose record saw no light."""
         return np.asarray(~self._book.first_light(ids).any(axis=1))
 
-    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int, persistence: float = 1.0) -> Drawn:
-        world = self._drawn(drawing)._replace(persistence=np.float32(persistence))
+    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int) -> Drawn:
+        world = self._drawn(drawing)
         if self._by_paths:
             return Drawn(draw_paths(world, self._mapping, self._texels, samples, ids), None)
         return draw_rays(world, self._ray_sets(samples, drawing), ids)

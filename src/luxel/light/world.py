@@ -58,7 +58,6 @@ def make_world(
         np.float32(scene.albedo),
         reach,
         _UNLIMITED_BOUNCES if max_bounces is None else max_bounces,
-        np.float32(1),
         np.uint64(seed),
         cell,
     )

@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.errors import InputError
 from luxel.kernels import frame, tiles
 from luxel.kernels.light import Lights
 from luxel.kernels.path import World
@@ -27,8 +28,11 @@ from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import SphereTree, run_parts, thread_count
 
 __all__ = [
+    "NOT_SEEN",
+    "NO_PICTURE",
     "Crew",
     "bare_table",
+    "checked_size",
     "draw_rays",
     "make_eye",
     "make_skin",
@@ -42,6 +46,7 @@ NOT_SEEN: NDArray[np.uint8] = np.empty(0, np.uint8)
 NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
 
 _BAND = 4 * tiles.TILE  # rows a task
+_MOST_PIXELS = 2**28
 
 
 class Crew:
@@ -231,3 +236,22 @@ def _srgb_tables() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
 def srgb_levels(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Nearest of 256 sRGB levels of linear light in [0, 1], float32."""
     return np.asarray(linear_to_srgb(linear) * 255 + 0.5).astype(np.uint8)
+
+
+def checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return width and height as whole numbers.
+
+    Raises
+    ------
+    InputError
+        If they are none, or out of range.
+    """
+    try:
+        width, height = (int(v) for v in size)
+    except (TypeError, ValueError):
+        raise InputError(f"size must be (width, height), got {size!r}") from None
+    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
+        raise InputError(
+            f"size must be at least 1x1 and at most {_MOST_PIXELS} pixels in all, got {width}x{height}"
+        )
+    return width, height

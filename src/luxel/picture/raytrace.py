@@ -19,6 +19,7 @@ from luxel.particles import Particles
 from luxel.picture.drawing import (
     Crew,
     bare_table,
+    checked_size,
     draw_rays,
     make_eye,
     make_skin,
@@ -42,8 +43,6 @@ __all__ = ["render", "visible_ids"]
 
 Progress = Callable[[int, int], None]
 Light = Literal["texture", "pixel"]
-
-_MOST_PIXELS = 2**28
 
 
 def render(
@@ -112,7 +111,7 @@ def render(
     subject, view = looked_at(scene, view, radii=radii, colors=colors, color_by=color_by)
     scene = subject if isinstance(subject, Scene) else Scene(subject)
     view = view or View()
-    width, height = _checked_size(size)
+    width, height = checked_size(size)
     if light not in ("texture", "pixel"):
         raise InputError(f"light must be texture or pixel, got {light!r}")
     if not 1 <= antialias <= 16:
@@ -148,7 +147,7 @@ def visible_ids(
     scene: Scene, camera: Camera, size: tuple[int, int], *, antialias: int = 1, threads: int | None = None
 ) -> NDArray[np.int32]:
     """Return the sorted ids (M,) int32 of particles that some ray of the picture hits first."""
-    width, height = _checked_size(size)
+    width, height = checked_size(size)
     eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
     return _visible(make_world(scene), eye, width, height, ray_shifts(antialias), thread_count(threads))
 
@@ -251,15 +250,3 @@ def _visible(
             True  # -1 marks the spare last entry
         )
     return np.flatnonzero(seen[:-1]).astype(np.int32)
-
-
-def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
-    try:
-        width, height = (int(v) for v in size)
-    except (TypeError, ValueError):
-        raise InputError(f"size must be (width, height), got {size!r}") from None
-    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
-        raise InputError(
-            f"size must be at least 1x1 and at most {_MOST_PIXELS} pixels in all, got {width}x{height}"
-        )
-    return width, height
