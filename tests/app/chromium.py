@@ -127,7 +127,8 @@ class Browser:
 class Page:
     """One tab, of `browser` or else in a browser of its own.
 
-    `messages` collects what the page wrote to its console and exceptions it did not catch.
+    `messages` collects what the page wrote to its console and exceptions it did not catch; `requests` the addresses
+    that it asked for, once the test has called ``Network.enable``.
     """
 
     def __init__(
@@ -136,6 +137,7 @@ class Page:
         self.browser = browser or Browser()
         self._owned = browser is None
         self.messages: list[str] = []
+        self.requests: list[str] = []
         self._numbers = itertools.count(1)
         try:
             address, self._end = self.browser.tab()
@@ -251,3 +253,5 @@ class Page:
                 self.messages.append(" ".join(str(each.get("value")) for each in params["args"]))
             case "Log.entryAdded":
                 self.messages.append(params["entry"]["text"])
+            case "Network.requestWillBeSent":
+                self.requests.append(params["request"]["url"])
