@@ -7,7 +7,7 @@ export const KIND = {
   hello: 1, sighted: 2, confirm: 3, setLight: 4, setFrame: 5, scalarRequest: 6, colormapRequest: 7, report: 8,
   scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24,
   codec: 32, payload: 33,
-  setView: 40, loadView: 41, view: 50,
+  setView: 40, loadView: 41, inspect: 42, view: 50, particle: 51,
 };
 
 /** @typedef {Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array | Int8Array} Values */
