@@ -332,7 +332,7 @@ export class Renderer {
     this.resize();
     const { gl } = this;
     const { width, height } = this.canvas;
-    this.drawIds(camera, [0, 0], { width, height, epoch: 0 }, false);
+    this.drawIds(camera, [0, 0], { width, height, epoch: 0 }, ALL);
     const wide = new Uint32Array(4);
     const at = [x * width, y * height].map((place, k) => Math.max(0, Math.min([width, height][k] - 1, Math.floor(place))));
     gl.readPixels(at[0], at[1], 1, 1, gl.RGBA_INTEGER, gl.UNSIGNED_INT, wide);
