@@ -16,6 +16,7 @@ from luxel.textures.store.files import lock
 from luxel.textures.store.info import describe_baked
 from luxel.textures.store.layout import BakeSettings, CodecChoice
 from luxel.textures.store.source import StoredBaker
+from luxel.textures.textures import decode
 from tests.textures.stores import LIGHTS, SPEC, bake, hashes, some
 
 
@@ -165,8 +166,19 @@ def test_what_the_codec_changed_is_measured(tmp_path):
     assert np.array_equal(raw, bake(tmp_path / "b.zarr", some(40))[0].textures.codes)
     assert np.array_equal(frame.original()[3:7], raw[3:7])
     difference = frame.textures.codes.astype(float) - raw
-    assert frame.distortion["rms_levels"] == pytest.approx(np.sqrt((difference**2).mean()))
-    assert frame.distortion["largest_levels"] == np.abs(difference).max()
+    found = frame.distortion
+    assert found["d"] == pytest.approx((difference**2).sum(axis=(1, 2)).mean())
+    assert found["root_d"] == pytest.approx(found["d"] ** 0.5)
+    assert found["rmse"] == pytest.approx(np.sqrt((difference**2).mean()))
+    assert found["psnr"] == pytest.approx(20 * np.log10(255 / found["rmse"]))
+    assert found["largest"] == np.abs(difference).max()
+    light = decode(raw, frame.scale, frame.encoding).astype(float)
+    error = light - frame.textures.luminance
+    angles = luxel.texel_solid_angles("latlong", 4) / (4 * np.pi)
+    assert found["surface"] == pytest.approx(np.sqrt((error**2 * angles).sum() / 40))
+    assert found["seen"] == pytest.approx(np.sqrt((error**2 * light * angles).sum() / (light * angles).sum()))
+    assert found["largest_luminance"] == pytest.approx(np.abs(error).max())
+    assert found["ratio"] == pytest.approx(raw.size / (40 * frame.payload_bytes + frame.shared_bytes))
     assert frame.payload.shape == (40, frame.codec.payload_bytes)
 
 

@@ -18,7 +18,7 @@ from luxel.app.options import (
     number,
     positive_int,
 )
-from luxel.app.report import bytes_text, plan_table
+from luxel.app.report import bytes_text, distortion_texts, plan_table
 from luxel.app.talk import Progress, say, say_if_cold, say_if_dark
 from luxel.errors import InputError
 
@@ -102,7 +102,10 @@ def _add_codec_options(parser: argparse.ArgumentParser) -> None:
         help="raw bytes over compressed ones (default: 4, as in the paper)",
     )
     codec.add_argument(
-        "--error", type=number, metavar="E", help="mean distortion to stay below, instead of a ratio"
+        "--error",
+        type=number,
+        metavar="E",
+        help="root mean squared error to stay below, in levels of 255, instead of a ratio",
     )
     codec.add_argument("--codewords", type=positive_int, metavar="N", help="size of the codebook, for vq")
     codec.add_argument("--components", type=positive_int, metavar="N", help="size of the basis, for pca")
@@ -236,6 +239,11 @@ def _write(output: str, work: Any) -> None:
     stored = sum(frame.count * frame.payload_bytes + frame.shared_bytes for frame in baked)
     took = f"{time.perf_counter() - started:.1f} s" if worked else "complete already, nothing to do"
     print(f"{output}: {count:,} textures, {baked.settings.codec.kind}, {bytes_text(stored)}; {took}")
+    worst = max(baked, key=lambda frame: frame.distortion["rmse"])
+    if worst.distortion["d"]:
+        frame = "" if len(baked) == 1 else f" of frame {worst.source_frame}, the largest"
+        for name, text in distortion_texts(worst.distortion):
+            print(f"  {name}{frame}: {text}")
 
 
 def _open(options: argparse.Namespace) -> tuple[Series, list[int] | None]:

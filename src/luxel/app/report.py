@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["bytes_text", "file_table", "plan_table", "store_table", "time_text"]
+__all__ = ["bytes_text", "distortion_texts", "file_table", "plan_table", "store_table", "time_text"]
 
 
 def file_table(found: dict[str, Any]) -> str:
@@ -67,16 +68,29 @@ def store_table(found: dict[str, Any]) -> str:
         lines.append(
             f"  bytes       {bytes_text(stored)} of {bytes_text(frame['raw_bytes'])}, ratio {frame['ratio']:.3g}"
         )
-        lost = frame["distortion"]
-        lines.append(
-            f"  distortion  rms {lost['rms_levels']:.3g} and at most {lost['largest_levels']:g} of 255 levels,"
-            f" rms {lost['rms_luminance']:.3g} in luminance"
-        )
+        lines += [f"  {name:<11} {text}" for name, text in distortion_texts(frame["distortion"])]
         lines.append(
             f"  error       mean {frame['error_mean']:.3g}, at most {frame['error_max']:.3g} in luminance;"
             f" clipped texels {frame['clipped']:,}"
         )
     return "\n".join(lines)
+
+
+def distortion_texts(lost: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what a codec changed, as names and figures: in codes, then in luminance."""
+    if not lost["d"]:
+        return [("distortion", "none")]
+    return [
+        (
+            "distortion",
+            f"d {lost['d']:.4g}, √d {lost['root_d']:.3g}, RMSE {lost['rmse']:.3g} and at most {lost['largest']}"
+            f" of 255 levels, PSNR {lost['psnr']:.1f} dB",
+        ),
+        (
+            "luminance",
+            f"surface error {lost['surface']:.3g}, in pictures {lost['seen']:.3g} and at most {lost['largest_luminance']:.3g}",
+        ),
+    ]
 
 
 def plan_table(path: str, found: dict[str, Any]) -> str:

@@ -12,7 +12,16 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.simd import LANES, any_lane, bits, fma, load, splat, trailing_zeros
 
-__all__ = ["BLOCK", "EMPTY", "code_distance", "merge_pairs", "nearest_codewords"]
+__all__ = [
+    "BLOCK",
+    "EMPTY",
+    "add_members",
+    "code_distance",
+    "merge_pairs",
+    "nearest_codewords",
+    "row_hashes",
+    "same_rows",
+]
 
 BLOCK = LANES * LANES
 #: A coordinate of lanes that hold no vector.
@@ -34,6 +43,46 @@ def code_distance(a, b):
             part += d * d
         total += int(part)
     return total
+
+
+@kernel
+def row_hashes(codes, hashes):
+    """Write a number for every row of `codes` (n, D) to `hashes` (n,) uint64: different ones say that rows differ (FNV-1a)."""
+    for n in range(len(codes)):
+        value = np.uint64(0xCBF29CE484222325)
+        for k in range(codes.shape[1]):
+            value = (value ^ np.uint64(codes[n, k])) * np.uint64(0x100000001B3)
+        hashes[n] = value
+
+
+@kernel
+def same_rows(codes, others, same):
+    """Write to `same` (n,) whether every row of `codes` (n, D) equals row `others[n]`."""
+    for n in range(len(codes)):
+        equal = True
+        for k in range(codes.shape[1]):
+            equal = equal and codes[n, k] == codes[others[n], k]
+        same[n] = equal
+
+
+@kernel
+def add_members(codes, rows, copies, members, starts, which, means, weights):
+    """Write means (k, D) and numbers of textures (k,) of clusters `which` (k,), float32; sums are exact.
+
+    See ``textures.codecs.merging.Clusters`` for the other arguments.
+    """
+    total = np.empty(codes.shape[1], np.float64)
+    for n in range(len(which)):
+        total[:] = 0
+        count = 0
+        for m in range(starts[which[n]], starts[which[n] + 1]):
+            row, times = rows[members[m]], copies[members[m]]
+            count += times
+            for k in range(codes.shape[1]):
+                total[k] += times * np.float64(codes[row, k])
+        for k in range(codes.shape[1]):
+            means[n, k] = total[k] / count
+        weights[n] = count
 
 
 @kernel(inline=True)

@@ -83,7 +83,7 @@ export class LightSet {
 
   /**
    * What a shader for this set has to know.
-   * @returns {{reader: Reader | null, baked: boolean, coarse: boolean, suns: number, globes: number, quads: number}}
+   * @returns {{reader: Reader | null, baked: boolean, complete: boolean, coarse: boolean, suns: number, globes: number, quads: number}}
    */
   traits() {
     const { suns, globes, quads } = this.lights;
@@ -93,6 +93,7 @@ export class LightSet {
     return {
       reader: textured ? this.baked?.store.reader ?? tile : null,
       baked: this.baked !== null,
+      complete: textured && this.baked !== null && this.baked.store.complete,
       coarse: textured && this.baked === null && this.coarse !== null,
       suns: Math.min(suns.length / 6, LIGHTS_MAX), globes: Math.min(globes.length / 5, LIGHTS_MAX), quads: Math.min(quads.length / 14, LIGHTS_MAX),
     };

@@ -118,7 +118,9 @@ const WRAPPED = /** @type {Record<string, (texels: number) => string>} */ ({
   // … latitude-longitude on the opposite side of a pole.
   latlong: (texels) => `
   ivec2 inside = ivec2(at.x, clamp(at.y, 0, ${texels - 1}));
-  inside.x = (at.x + ${texels} + (at.y != inside.y ? ${texels / 2} : 0)) % ${texels};`,
+  if (at.y != inside.y) inside.x += ${texels / 2};
+  if (inside.x < 0) inside.x += ${texels};
+  if (inside.x >= ${texels}) inside.x -= ${texels};`,
 });
 
 const SQUARE = /** @type {Record<string, string>} */ ({

@@ -12,13 +12,23 @@ import * as shaders from "./shaders.js";
 
 /** @typedef {import("./camera.js").Camera} Camera */
 
-export const PARTICLES_WIDTH = 2048;
+export const PARTICLES_WIDTH = 2048; // of textures with something for each particle; the shaders know it
 const NEAR = 1e-6;
 const FRAMES_IN_FLIGHT = 2;
 const QUADS = 1 << 16; // particles in one draw call
 
 /** @typedef {{width: number, height: number, epoch: number}} Shape */
-/** @typedef {{fence: WebGLSync, since: number, pixels: number}} Frame */
+/**
+ * Which particles to draw: those of the list, and every `stride`-th from `first` on; none of these if it is 0. And whether
+ * textures of small ones are filtered.
+ * @typedef {{listed: boolean, first: number, stride: number, filtered: boolean}} Drawn
+ */
+/** @type {Drawn} */
+export const ALL = { listed: false, first: 0, stride: 1, filtered: true };
+/** @type {Drawn} */
+export const LISTED = { listed: true, first: 0, stride: 0, filtered: true };
+
+/** @typedef {{fence: WebGLSync, since: number, kind: string}} Frame */
 
 export class Renderer {
   /** @param {HTMLCanvasElement} canvas */
@@ -37,7 +47,8 @@ export class Renderer {
       points: new Program(gl, "points", shaders.idsVertex(true), shaders.IDS_FRAGMENT),
       quads: new Program(gl, "quads", shaders.idsVertex(false), shaders.IDS_FRAGMENT),
       sweep: new Program(gl, "sweep", shaders.SCREEN_VERTEX, shaders.SWEEP_FRAGMENT),
-      present: new Program(gl, "present", shaders.SCREEN_VERTEX, shaders.PRESENT_FRAGMENT),
+      whole: new Program(gl, "present", shaders.SCREEN_VERTEX, shaders.presentFragment(true)),
+      scaled: new Program(gl, "present scaled", shaders.SCREEN_VERTEX, shaders.presentFragment(false)),
     };
     /** Shading programs, by what they are made for. @type {Map<string, Program>} */
     this.shading = new Map();
@@ -58,7 +69,8 @@ export class Renderer {
     /** @type {Frame[]} */
     this.frames = [];
     this.frameMs = 16;
-    this.framePixels = 1;
+    /** Milliseconds that a frame of a kind takes. @type {Map<string, number>} */
+    this.times = new Map();
     this.frameCount = 0;
     this.doneAt = 0;
     this.look = {
@@ -144,21 +156,22 @@ export class Renderer {
   /** Whether the graphics processor is still busy with earlier frames; also keeps the time that a frame takes. */
   get busy() {
     while (this.frames.length && signalled(this.gl, this.frames[0].fence)) {
-      const { fence, since, pixels } = /** @type {Frame} */ (this.frames.shift());
+      const { fence, since, kind } = /** @type {Frame} */ (this.frames.shift());
       this.gl.deleteSync(fence);
       const now = performance.now();
-      this.frameMs += 0.3 * (now - Math.max(since, this.doneAt) - this.frameMs);
-      this.framePixels = pixels;
+      const took = now - Math.max(since, this.doneAt), before = this.times.get(kind) ?? took;
+      this.frameMs += 0.3 * (took - this.frameMs);
+      this.times.set(kind, before + 0.3 * (took - before));
       this.doneAt = now;
       this.frameCount++;
     }
     return this.frames.length >= FRAMES_IN_FLIGHT;
   }
 
-  /** Call after the commands of a frame. @param {number} pixels */
-  endFrame(pixels) {
+  /** Call after the commands of a frame. @param {string} kind */
+  endFrame(kind) {
     const fence = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-    if (fence !== null) this.frames.push({ fence, since: performance.now(), pixels });
+    if (fence !== null) this.frames.push({ fence, since: performance.now(), kind });
     this.gl.flush();
   }
 
@@ -181,16 +194,17 @@ export class Renderer {
    * Find the nearest sphere of every pixel, then add its light to a pair of sums.
    * @param {Camera} camera @param {number[]} shift of the rays within their pixels, in pixels
    * @param {Shape} shape @param {number} pair @param {boolean} first whether to start the sums anew
-   * @param {boolean} [listed] draw only the particles of the list
+   * @param {Drawn} drawn
    */
-  drawSample(camera, shift, shape, pair, first, listed = false) {
+  drawSample(camera, shift, shape, pair, first, drawn) {
     if (this.targets === null || this.spheres === null) return;
-    this.drawIds(camera, shift, shape, listed);
-    this.shade(camera, shift, shape, pair, first);
+    this.drawIds(camera, shift, shape, drawn);
+    // Samples after the first fall between: together they need no filter, which would only blur them.
+    this.shade(camera, shift, shape, pair, first, first && drawn.filtered);
   }
 
-  /** Find the nearest sphere of every pixel. @param {Camera} camera @param {number[]} shift @param {Shape} shape @param {boolean} listed */
-  drawIds(camera, shift, shape, listed) {
+  /** Find the nearest sphere of every pixel. @param {Camera} camera @param {number[]} shift @param {Shape} shape @param {Drawn} drawn */
+  drawIds(camera, shift, shape, { listed, first, stride }) {
     const { gl, targets } = this;
     if (targets === null) return;
     targets.ids.bind(shape.width, shape.height);
@@ -203,19 +217,29 @@ export class Renderer {
     const program = points ? this.programs.points : this.programs.quads;
     this.setCamera(program, camera, shift, shape);
     program.float("uNear", NEAR).float("uFar", length(camera.eye) + this.sceneRadius).float("uStart", camera.height === null ? 0 : -ahead(camera))
-      .texture("uList", this.list).int("uListed", listed ? 1 : 0);
-    const count = listed ? this.listCount : this.loaded;
-    for (let start = 0; start < count; start += QUADS) {
-      program.int("uFirst", start);
-      const part = Math.min(QUADS, count - start);
-      if (points) gl.drawArrays(gl.POINTS, 0, part);
-      else gl.drawElements(gl.TRIANGLES, 6 * part, gl.UNSIGNED_INT, 0);
+      .texture("uList", this.list);
+    const draw = (/** @type {number} */ from, /** @type {number} */ count, /** @type {number} */ step) => {
+      program.int("uStride", step);
+      for (let k = 0; k < count; k += QUADS) {
+        program.int("uFirst", from + k * step);
+        const part = Math.min(QUADS, count - k);
+        if (points) gl.drawArrays(gl.POINTS, 0, part);
+        else gl.drawElements(gl.TRIANGLES, 6 * part, gl.UNSIGNED_INT, 0);
+      }
+    };
+    if (listed) {
+      program.int("uListed", 1);
+      draw(0, this.listCount, 1);
+    }
+    if (stride > 0 && first < this.loaded) {
+      program.int("uListed", 0);
+      draw(first, Math.ceil((this.loaded - first) / stride), stride);
     }
     gl.disable(gl.DEPTH_TEST);
   }
 
-  /** Add the light of what is in the id buffer to a pair of sums. @param {Camera} camera @param {number[]} shift @param {Shape} shape @param {number} pair @param {boolean} first */
-  shade(camera, shift, shape, pair, first) {
+  /** Add the light of what is in the id buffer to a pair of sums. @param {Camera} camera @param {number[]} shift @param {Shape} shape @param {number} pair @param {boolean} first @param {boolean} filtered */
+  shade(camera, shift, shape, pair, first, filtered) {
     const { gl, targets } = this;
     if (targets === null) return;
     targets.sums[pair].bind(shape.width, shape.height);
@@ -226,8 +250,7 @@ export class Renderer {
     gl.depthFunc(gl.LESS); // leaves out what nothing covers
     gl.depthMask(false);
     this.eachSet(shape.width, shape.height, (set) => {
-      // Samples after the first fall between: together they need no filter, which would only blur them.
-      const program = this.shadingFor(set, first);
+      const program = this.shadingFor(set, filtered);
       this.setCamera(program, camera, shift, shape);
       program.texture("uIds", targets.ids.colors[0]).texture("uValues", this.values).texture("uLut", this.lut)
         .int("uUniform", this.look.uniform ? 1 : 0).int("uPacked", this.look.packed ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
@@ -272,14 +295,15 @@ export class Renderer {
     gl.bindFramebuffer(gl.FRAMEBUFFER, target?.framebuffer ?? null);
     gl.viewport(0, 0, width, height);
     const sums = targets.sums[pair];
-    this.programs.present.use()
+    const program = shape.width === width && shape.height === height ? this.programs.whole : this.programs.scaled;
+    program.use()
       .texture("uSum", sums.colors[0]).texture("uCover", sums.colors[1])
       .float("uCanvas", [width, height])
       .float("uPart", [shape.width / sums.width, shape.height / sums.height])
       .float("uCount", samples).float("uExposure", look.exposure)
       .float("uTop", look.top).float("uBottom", look.bottom);
     this.eachSet(width, height, (set) => {
-      this.programs.present.float("uWhite", set.white);
+      program.float("uWhite", set.white);
       gl.drawArrays(gl.TRIANGLES, 0, 3);
     });
   }
@@ -310,7 +334,7 @@ export class Renderer {
     const targets = /** @type {NonNullable<typeof this.targets>} */ (this.targets);
     const { width, height } = this.canvas;
     const shape = { width, height, epoch: 0 };
-    this.drawSample(camera, [0, 0], shape, 2, true); // a third pair, so that the picture on screen goes on undisturbed
+    this.drawSample(camera, [0, 0], shape, 2, true, ALL); // a third pair, so that the picture on screen goes on undisturbed
     this.present(2, 1, shape, targets.capture);
     const pixels = new Uint8Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);

@@ -24,10 +24,10 @@ uniform vec2 uSize;           // pixels
 uniform vec2 uShift;          // where in its pixel a ray starts, from the centre, in pixels
 uniform bool uOrthographic;
 
-ivec2 place(int id, int width) { return ivec2(id % width, id / width); }
+ivec2 place(int id) { return ivec2(id & 2047, id >> 11); }
 
 vec4 sphereAt(int id) {
-  vec4 s = texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0);
+  vec4 s = texelFetch(uSpheres, place(id), 0);
   return vec4(((s.xyz - uEyeHigh) - uEyeLow) * uBasis, s.w);
 }
 
@@ -56,7 +56,7 @@ float hit(vec4 s, vec2 p, out vec3 ray, out vec3 normal) {
 export const idsVertex = (points) => HEAD + CAMERA + `
 uniform usampler2D uList;
 uniform bool uListed;
-uniform int uFirst;
+uniform int uFirst, uStride;
 uniform float uStart; // where along the view direction there begins to be something to see
 flat out vec4 vSphere;
 flat out uint vId;
@@ -77,8 +77,8 @@ bool ends(float x, float z, float r, out vec2 range) {
 }
 
 void main() {
-  int id = uFirst + (gl_VertexID ${points ? "" : ">> 2"});
-  if (uListed) id = int(texelFetch(uList, place(id, textureSize(uList, 0).x), 0).r);
+  int id = uFirst + uStride * (gl_VertexID ${points ? "" : ">> 2"});
+  if (uListed) id = int(texelFetch(uList, place(id), 0).r);
   vec4 s = sphereAt(id);
   vSphere = s;
   vId = uint(id) + 1u;
@@ -180,7 +180,7 @@ const RECORD = {
   tiles: `
 uniform isampler2D uSlots;      // slot + generation << 24, or -1
 int recordOf(int id, out int generation) {
-  int slot = texelFetch(uSlots, place(id, textureSize(uSlots, 0).x), 0).r;
+  int slot = texelFetch(uSlots, place(id), 0).r;
   generation = slot >> 24;
   return slot < 0 ? -1 : slot & 0xffffff;
 }
@@ -200,7 +200,7 @@ int recordOf(int id, out int generation) {
  * a processor that draws in software does all that stands in a shader for every pixel, needed or not.
  * @param {ReturnType<import("./lightset.js").LightSet["traits"]> & {filtered: boolean}} traits
  */
-export const shadeFragment = ({ reader, baked, coarse, suns, globes, quads, filtered }) => HEAD + CAMERA + `
+export const shadeFragment = ({ reader, baked, complete, coarse, suns, globes, quads, filtered }) => HEAD + CAMERA + `
 #define SUNS ${suns}
 #define GLOBES ${globes}
 #define QUADS ${quads}
@@ -223,7 +223,7 @@ const float PI = 3.14159265358979;
 ${LAMBERT}${reader ? PLACE + lookup(reader) + (filtered ? FILTERED : "") + (baked ? RECORD.baked : RECORD.tiles) : ""}
 vec3 colorOf(int id) {
   if (uUniform) return uColor;
-  float x = texelFetch(uValues, place(id, textureSize(uValues, 0).x), 0).r;
+  float x = texelFetch(uValues, place(id), 0).r;
   if (x < 0.0) return uNoData;
   if (uPacked) {
     vec3 c = vec3(ivec3(int(x)) >> ivec3(16, 8, 0) & 255) / 255.0;
@@ -235,7 +235,7 @@ vec3 colorOf(int id) {
 
 // Where there is neither a texture nor a coarse record.
 float bare(int id, float radius, vec3 n) {
-  return lambert(texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0).xyz + radius * n, n);
+  return lambert(texelFetch(uSpheres, place(id), 0).xyz + radius * n, n);
 }
 
 void main() { // the depth test leaves out what nothing covers
@@ -245,13 +245,13 @@ void main() { // the depth test leaves out what nothing covers
   float t = hit(s, gl_FragCoord.xy, ray, facing), luminance;
   vec3 n = uBasis * facing;
   ${reader ? `
-  int generation, record = recordOf(id, generation);
-  if (record >= 0) luminance = ${filtered ? "filtered(record, generation, s.w, facing, t, ray)" : "textured(record, generation, n)"};
-  else ` : ""}{${coarse ? `
-    vec4 c = texelFetch(uCoarse, place(id, textureSize(uCoarse, 0).x), 0);
+  int generation${complete ? " = 0, record = id" : ", record = recordOf(id, generation)"};
+  if (record >= 0) luminance = ${filtered ? "filtered(record, generation, s.w, facing, t, ray)" : "textured(record, generation, n)"};` : ""}
+  ${complete ? "" : `${reader ? "else " : ""}{${coarse ? `
+    vec4 c = texelFetch(uCoarse, place(id), 0);
     luminance = c.x < 0.0 ? bare(id, s.w, n) : uCoarseScale * max(0.0, c.x + dot(c.yzw, n));` : `
     luminance = bare(id, s.w, n);`}
-  }
+  }`}
   outSum = vec4(luminance * colorOf(id), luminance);
   outCover = 1.0;
 }`;
@@ -268,8 +268,11 @@ void main() {
   outId = all(lessThan(at, ivec2(uSize))) ? texelFetch(uIds, at, 0).r : 0u;
 }`;
 
-/** Sums to a picture: mean, tone curve on luminance, colour, background, sRGB. The same as luxel.kernels.shade.develop. */
-export const PRESENT_FRAGMENT = HEAD + `
+/**
+ * Sums to a picture: mean, tone curve on luminance, colour, background, sRGB. The same as luxel.kernels.shade.develop.
+ * @param {boolean} whole whether pixels of sums are pixels of the picture
+ */
+export const presentFragment = (whole) => HEAD + `
 uniform sampler2D uSum, uCover;
 uniform vec2 uCanvas;   // pixels shown
 uniform vec2 uPart;     // part of the sums that is in use, (0, 1]
@@ -283,8 +286,11 @@ vec3 encode(vec3 c) {
 
 void main() {
   vec2 at = gl_FragCoord.xy / uCanvas;
+  ${whole ? `
+  vec4 sum = texelFetch(uSum, ivec2(gl_FragCoord.xy), 0);
+  float hits = texelFetch(uCover, ivec2(gl_FragCoord.xy), 0).r;` : `
   vec4 sum = texture(uSum, at * uPart);
-  float hits = texture(uCover, at * uPart).r;
+  float hits = texture(uCover, at * uPart).r;`}
   float cover = min(1.0, hits / uCount), gain = 0.0;
   if (sum.a > 0.0 && hits > 0.0) {
     float v = sum.a / hits * uExposure;

@@ -1,59 +1,95 @@
-"""Codebooks by merging the pair that costs least, again and again (paper 3.3; Equitz 1989), then by moving centroids.
+"""Codebooks by merging the pair that costs least, again and again (paper 3.3; Equitz 1989).
 
 The tree of all merges is independent of where it is cut, and its costs add up to the squared error: a number of
 codewords and an error are both read off the sorted costs. Large sets are merged in buckets, neighbours along the principal axes,
 and cut at one cost for all buckets; what is left is merged again in other buckets, so that no border stays.
+
+Clusters are lists of textures: their means are calculated for a bucket at a time, so that all of it takes a fraction of
+the memory of the textures themselves.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.codewords import BLOCK, EMPTY, merge_pairs
+from luxel.kernels.codewords import BLOCK, add_members, merge_pairs, row_hashes, same_rows
 from luxel.kernels.simd import LANES
+from luxel.textures.codecs.protocol import parts
 from luxel.trace.tree import run_parts, thread_count
 
-__all__ = ["Clusters", "principal_axes", "reduce_to_count", "reduce_to_error"]
+__all__ = ["BUCKET", "SAMPLE", "Clusters", "principal_axes", "reduce_to_count", "reduce_to_error"]
 
 #: Vectors that are merged as one bucket. Time grows with its square, the loss at its borders falls.
 BUCKET = 16_384
-# A round of merging in buckets leaves at least this share of its vectors to the next, which has other borders.
+# A round of merging in buckets leaves at least this share of its clusters to the next, which has other borders.
 _KEEP = 0.4
+#: Vectors that axes are found from.
+SAMPLE = 20_000
 
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """Weighted vectors.
+    """Disjoint sets of textures.
 
     Parameters
     ----------
-    vectors
-        (n, D) float32.
-    weights
-        (n,) float32 number of textures.
+    codes
+        (N, D) uint8, all textures.
+    rows, copies
+        (U,) int64 which of them are distinct, and (U,) int64 how often each occurs.
+    members
+        (U,) int64 indices into `rows`, cluster after cluster.
+    starts
+        (n + 1,) int64 where in `members` each cluster begins, and the end.
     """
 
-    vectors: NDArray[np.float32]
-    weights: NDArray[np.float32]
+    codes: NDArray[np.uint8]
+    rows: NDArray[np.int64]
+    copies: NDArray[np.int64]
+    members: NDArray[np.int64]
+    starts: NDArray[np.int64]
 
     @classmethod
     def distinct(cls, codes: NDArray[np.uint8]) -> Clusters:
-        """Clusters of equal rows of `codes` (N, D): what merging would do first, at no cost."""
-        rows = np.ascontiguousarray(codes).view(np.dtype((np.void, codes.shape[1]))).ravel()
-        unique, counts = np.unique(rows, return_counts=True)
-        return cls(
-            unique.view(np.uint8).reshape(len(unique), -1).astype(np.float32), counts.astype(np.float32)
-        )
+        """One cluster for each different row of `codes` (N, D): what merging would do first, at no cost."""
+        hashes = np.empty(len(codes), np.uint64)
+        row_hashes(codes, hashes)
+        _, first, label = np.unique(hashes, return_index=True, return_inverse=True)
+        stands = first[label]
+        same = np.empty(len(codes), bool)
+        same_rows(codes, stands, same)
+        stands[~same] = np.flatnonzero(~same)  # other rows of the same hash
+        rows, copies = np.unique(stands, return_counts=True)
+        return cls(codes, rows, copies, np.arange(len(rows)), np.arange(len(rows) + 1))
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def means(self, which: NDArray[np.int64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Means (k, D) float32 of clusters `which` (k,), and how many textures each stands for, (k,) float32."""
+        vectors = np.empty((len(which), self.codes.shape[1]), np.float32)
+        weights = np.empty(len(which), np.float32)
+        add_members(self.codes, self.rows, self.copies, self.members, self.starts, which, vectors, weights)
+        return vectors, weights
+
+    def joined(self, label: NDArray[np.int64]) -> Clusters:
+        """Clusters of all clusters that share a label (n,)."""
+        each = np.repeat(label, np.diff(self.starts))
+        order = np.argsort(each, kind="stable")
+        starts = np.append(np.flatnonzero(np.diff(each[order], prepend=-1)), len(order))
+        return replace(self, members=self.members[order], starts=starts)
+
+    def relabelled(self, label: NDArray[np.int64]) -> Clusters:
+        """Clusters of the distinct textures that share a label (U,), whatever they were in before."""
+        each = np.arange(len(self.rows) + 1)
+        return replace(self, members=each[:-1], starts=each).joined(label)
 
 
-def principal_axes(vectors: NDArray[np.float32], seed: int = 0) -> tuple[NDArray[np.float64], ...]:
-    """Mean (D,) and orthonormal axes (D, D) in columns, of falling variance over a sample of `vectors`."""
-    if len(vectors) > 20_000:
-        vectors = vectors[np.random.default_rng(seed).choice(len(vectors), 20_000, replace=False)]
+def principal_axes(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean (D,) and orthonormal axes (D, D) in columns, of falling variance, of `vectors` (n, D)."""
     mean = vectors.mean(axis=0, dtype=np.float64)
     centred = vectors - mean
     return mean, np.linalg.eigh(centred.T @ centred)[1][:, ::-1].copy()
@@ -61,10 +97,11 @@ def principal_axes(vectors: NDArray[np.float32], seed: int = 0) -> tuple[NDArray
 
 def reduce_to_count(clusters: Clusters, count: int, *, bucket: int = BUCKET, seed: int = 0) -> Clusters:
     """Merge until `count` clusters are left."""
-    while len(clusters.weights) > count:
-        here = len(clusters.weights)
+    while len(clusters) > count:
+        here = len(clusters)
         target = count if here <= bucket else max(count, int(_KEEP * here))
-        clusters = _cut(clusters, *_merges(clusters, bucket, seed), here - target)
+        pairs, _, names = _merges(clusters, bucket, seed)
+        clusters = _cut(clusters, pairs, names, here - target)
         seed += 1
     return clusters
 
@@ -73,15 +110,15 @@ def reduce_to_error(clusters: Clusters, error: float, *, bucket: int = BUCKET, s
     """Merge while the sum of squared errors stays within `error`."""
     left = error
     while True:
-        here = len(clusters.weights)
-        pairs, costs, bases = _merges(clusters, bucket, seed)
+        here = len(clusters)
+        pairs, costs, names = _merges(clusters, bucket, seed)
         spent = np.cumsum(costs, dtype=np.float64)
-        most = int(np.searchsorted(spent, left, side="right"))
-        if here <= bucket or most <= (1 - _KEEP) * here:
-            return _cut(clusters, pairs, costs, bases, most)
-        most = int((1 - _KEEP) * here)
-        clusters = _cut(clusters, pairs, costs, bases, most)
-        left -= float(spent[most - 1])
+        affordable = int(np.searchsorted(spent, left, side="right"))
+        done = min(affordable, here if here <= bucket else int((1 - _KEEP) * here))
+        clusters = _cut(clusters, pairs, names, done)
+        if done == affordable:
+            return clusters
+        left -= float(spent[done - 1])
         seed += 1
 
 
@@ -95,23 +132,28 @@ def _merges(
     pairs, costs, names
         (m, 2) the clusters joined, (m,) float32, and (m,) the cluster made: numbers from n on.
     """
-    vectors, weights = clusters.vectors, clusters.weights
-    count, size = vectors.shape
-    _, axes = principal_axes(vectors, seed)
-    turned = np.zeros((count, max(size, LANES)), np.float32)
+    count, size = len(clusters), clusters.codes.shape[1]
+    drawn = np.arange(count)
+    if count > SAMPLE:
+        drawn = np.sort(np.random.default_rng(seed).choice(count, SAMPLE, replace=False))
+    mean, axes = principal_axes(clusters.means(drawn)[0])
     # The mean would only cost digits.
-    turned[:, :size] = (vectors - vectors.mean(axis=0)) @ axes.astype(np.float32)
-    groups = _buckets(turned[:, : LANES - 1], bucket, seed)
+    middle, turn = mean.astype(np.float32), axes.astype(np.float32)
+    groups = _buckets(_leads(clusters, middle, turn), bucket, seed)
     found: list[tuple[NDArray[np.int64], NDArray[np.float32]]] = [None] * len(groups)  # type: ignore[list-item]
 
     def merge(k: int) -> None:
         members = groups[k]
+        vectors, weights = clusters.means(members)
+        turned = np.zeros((len(members), max(size, LANES)), np.float32)
+        turned[:, :size] = (vectors - middle) @ turn
+        del vectors
         room = -(-len(members) // LANES)
         pairs = np.empty((len(members) - 1, 2), np.int32)
         costs = np.empty(len(members) - 1, np.float32)
         merge_pairs(
-            turned[members],
-            weights[members],
+            turned,
+            weights,
             np.empty(room * BLOCK, np.float32),
             np.empty(room * LANES, np.float32),
             pairs,
@@ -134,6 +176,15 @@ def _merges(
     return np.concatenate(pairs)[order], costs[order], np.concatenate(names)[order]
 
 
+def _leads(clusters: Clusters, middle: NDArray[np.float32], turn: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Coordinates (n, 15) of all clusters along the first axes."""
+    leads = np.empty((len(clusters), min(LANES - 1, turn.shape[1])), np.float32)
+    for part in parts(len(clusters)):
+        vectors, _ = clusters.means(np.arange(part.start, part.stop))
+        leads[part] = (vectors - middle) @ turn[:, : leads.shape[1]]
+    return leads
+
+
 def _buckets(leads: NDArray[np.float32], most: int, seed: int) -> list[NDArray[np.int64]]:
     """Split vectors at medians of their widest axes into groups of at most `most`."""
     rng = np.random.default_rng(seed)
@@ -152,16 +203,9 @@ def _buckets(leads: NDArray[np.float32], most: int, seed: int) -> list[NDArray[n
     return done
 
 
-def _cut(
-    clusters: Clusters,
-    pairs: NDArray[np.int64],
-    costs: NDArray[np.float32],
-    names: NDArray[np.int64],
-    merges: int,
-) -> Clusters:
+def _cut(clusters: Clusters, pairs: NDArray[np.int64], names: NDArray[np.int64], merges: int) -> Clusters:
     """Do the first `merges` merges."""
-    del costs
-    count = len(clusters.weights)
+    count = len(clusters)
     parent = np.arange(2 * count)
     parent[pairs[:merges, 0]] = names[:merges]
     parent[pairs[:merges, 1]] = names[:merges]
@@ -170,57 +214,4 @@ def _cut(
         if np.array_equal(above, parent):
             break
         parent = above
-    _, label = np.unique(parent[:count], return_inverse=True)
-    return Clusters(*centroids(clusters, label, int(label.max()) + 1))
-
-
-def centroids(
-    clusters: Clusters, label: NDArray[np.int64], count: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Weighted means (count, D) and weights (count,) of the clusters that share a label; every label must occur."""
-    order = np.argsort(label, kind="stable")
-    starts = np.searchsorted(label[order], np.arange(count))
-    weights = np.add.reduceat(clusters.weights[order], starts)
-    sums = np.empty((count, clusters.vectors.shape[1]), np.float32)
-    for first in range(0, count, BUCKET):  # in parts, for a copy of everything would double the memory
-        last = min(first + BUCKET, count)
-        begin = starts[first]
-        end = starts[last] if last < count else len(order)
-        rows = order[begin:end]
-        weighted = clusters.vectors[rows].astype(np.float64) * clusters.weights[rows, None]
-        sums[first:last] = (
-            np.add.reduceat(weighted, starts[first:last] - begin, axis=0) / weights[first:last, None]
-        )
-    return sums, weights
-
-
-def bounds_of(
-    codes: NDArray[np.uint8], mean: NDArray[np.float64], axes: NDArray[np.float64]
-) -> NDArray[np.float32]:
-    """Bounds (n, 16) float32 of rows of `codes` (n, D), see ``kernels.codewords``; `axes` (D, <= 15)."""
-    centred = codes - mean
-    out = np.zeros((len(codes), LANES), np.float32)
-    lead = centred @ axes
-    out[:, : axes.shape[1]] = lead
-    rest = np.einsum("nd,nd->n", centred, centred) - np.einsum("nd,nd->n", lead, lead)
-    out[:, -1] = np.sqrt(np.maximum(rest, 0))
-    return out
-
-
-def blocks_from(bounds: NDArray[np.float32]) -> tuple[NDArray[Any], ...]:
-    """Sort bounds (n, 16) by their first coordinate into blocks.
-
-    Returns
-    -------
-    blocks, low, high, order
-        Flat float32; the range of the first coordinate in each block, float32; the row of every lane, int32, which is 0 in empty lanes.
-    """
-    count = len(bounds)
-    room = -(-count // LANES) * LANES
-    order = np.zeros(room, np.int32)
-    order[:count] = np.argsort(bounds[:, 0], kind="stable")
-    table = np.full((room, LANES), EMPTY, np.float32)
-    table[:count] = bounds[order[:count]]
-    low = table[::LANES, 0].copy()
-    high = table[np.minimum(np.arange(LANES - 1, room, LANES), count - 1), 0].copy()
-    return table.reshape(-1, LANES, LANES).transpose(0, 2, 1).ravel(), low, high, order
+    return clusters.joined(parent[:count])

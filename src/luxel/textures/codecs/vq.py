@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels.codewords import nearest_codewords
 from luxel.kernels.lookup import CodewordTexels
-from luxel.kernels.simd import LANES
 from luxel.textures.codecs import merging
 from luxel.textures.codecs.merging import Clusters
+from luxel.textures.codecs.nearest import CodewordSearch
 from luxel.textures.codecs.protocol import (
     Codes,
     Progress,
@@ -87,35 +86,36 @@ class VQCodec:
             For no target or several, or a ratio that no codebook reaches.
         """
         codes = gathered(codes)
-        count, texels = len(codes), codes.shape[1]
+        count, texels = len(codes), int(codes.shape[1])
         target, value = one_target(codewords=codewords, error=error, ratio=ratio)
         exact = count <= _EXACT if exact is None else exact
-        flat = np.asarray(codes).reshape(count, -1)
+        flat = np.asarray(codes[:]).reshape(count, -1)
         clusters = Clusters.distinct(flat)
-        bucket = len(clusters.weights) if exact else merging.BUCKET
+        bucket = len(clusters) if exact else merging.BUCKET
         steps = 1 + (0 if exact else _REFINEMENTS)
         if target == "error":
-            reduced = merging.reduce_to_error(
-                clusters, float(value) ** 2 * flat.size, bucket=bucket, seed=seed
+            clusters = merging.reduce_to_error(
+                clusters, _merging_error(float(value)) * flat.size, bucket=bucket, seed=seed
             )
         else:
             most = int(value) if target == "codewords" else codewords_for(count, texels, float(value))
-            reduced = merging.reduce_to_count(clusters, most, bucket=bucket, seed=seed)
+            clusters = merging.reduce_to_count(clusters, most, bucket=bucket, seed=seed)
         if progress is not None:
             progress(1, steps)
-        codec = cls._rounded(reduced.vectors, texels)
+        codec = cls._of(clusters, texels)
         for step in range(1, steps):
-            label = codec.indices(clusters.vectors.astype(np.uint8))
-            used, label = np.unique(label, return_inverse=True)
-            codec = cls._rounded(merging.centroids(clusters, label, len(used))[0], texels)
+            codec = cls._of(clusters.relabelled(codec.indices(flat, clusters.rows)), texels)
             if progress is not None:
                 progress(step + 1, steps)
         return codec
 
     @classmethod
-    def _rounded(cls, vectors: NDArray[np.float32], texels: int) -> VQCodec:
-        words = np.unique(np.asarray(vectors + np.float32(0.5)).astype(np.uint8), axis=0)
-        return cls(words.reshape(-1, texels, texels))
+    def _of(cls, clusters: Clusters, texels: int) -> VQCodec:
+        """Codewords are the means of clusters, rounded."""
+        words = np.empty((len(clusters), texels**2), np.uint8)
+        for part in parts(len(words)):
+            words[part] = clusters.means(np.arange(part.start, part.stop))[0] + np.float32(0.5)
+        return cls(np.unique(words, axis=0).reshape(-1, texels, texels))
 
     @classmethod
     def restore(cls, description: dict[str, Any], shared: dict[str, NDArray[Any]]) -> VQCodec:
@@ -155,12 +155,12 @@ class VQCodec:
 
     def encode(self, codes: Codes) -> NDArray[np.uint8]:
         """Turn (K, T, T) codes into the indices (K, B) of their nearest codewords; the lowest of several."""
-        codes = as_codes(codes, self.texels)
+        codes, search = as_codes(codes, self.texels), self._search
         out = np.empty((len(codes), self.payload_bytes), np.uint8)
 
         def work(part: slice) -> None:
             block = np.asarray(codes[part]).reshape(part.stop - part.start, -1)
-            out[part] = index_records(self._nearest(block), self.payload_bytes)
+            out[part] = index_records(search.nearest(block), self.payload_bytes)
 
         run_parts(work, parts(len(codes)), thread_count(None))
         return out
@@ -173,35 +173,19 @@ class VQCodec:
         """Return what kernels read texels from."""
         return CodewordTexels(self._checked(payload)[0], self.codebook)
 
-    def indices(self, flat: NDArray[np.uint8]) -> NDArray[np.int64]:
-        """Return the nearest codeword (n,) of rows of codes (n, T²)."""
-        out = np.empty(len(flat), np.int64)
+    def indices(self, flat: NDArray[np.uint8], rows: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+        """Return the nearest codeword (n,) of codes (n, T²), or of some rows of them."""
+        out, search = np.empty(len(flat) if rows is None else len(rows), np.int64), self._search
 
         def work(part: slice) -> None:
-            out[part] = self._nearest(flat[part])
+            out[part] = search.nearest(flat[part if rows is None else rows[part]])
 
-        run_parts(work, parts(len(flat)), thread_count(None))
+        run_parts(work, parts(len(out)), thread_count(None))
         return out
 
-    def _nearest(self, flat: NDArray[np.uint8]) -> NDArray[np.int64]:
-        mean, axes, blocks, low, high, order = self._search
-        flat = np.ascontiguousarray(flat)
-        bounds = merging.bounds_of(flat, mean, axes)
-        starts = np.searchsorted(low[1:], bounds[:, 0])
-        found = np.empty(len(flat), np.int64)
-        words = self.codebook.reshape(self.codewords, -1)
-        nearest_codewords(flat, bounds, starts, blocks, low, high, order, words, found)
-        return found
-
     @cached_property
-    def _search(self) -> tuple[Any, ...]:
-        words = self.codebook.reshape(self.codewords, -1)
-        mean, axes = merging.principal_axes(words.astype(np.float32))
-        axes = axes[:, : LANES - 1]
-        bounds = np.concatenate(
-            [merging.bounds_of(words[part], mean, axes) for part in parts(self.codewords)]
-        )
-        return mean, axes, *merging.blocks_from(bounds)
+    def _search(self) -> CodewordSearch:
+        return CodewordSearch(self.codebook.reshape(self.codewords, -1))
 
     def _checked(self, payload: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
         payload = as_payload(payload, self.payload_bytes)
@@ -211,6 +195,14 @@ class VQCodec:
                 f"payload names codeword {index.max()}, the codebook has {self.codewords}; the file is damaged"
             )
         return payload, index
+
+
+def _merging_error(error: float) -> float:
+    """Mean squared error that merging may cause for `error` to hold after codewords are rounded.
+
+    Rounding adds a twelfth where means lie evenly between whole numbers, and never more than merging itself has caused.
+    """
+    return max(error**2 / 2, error**2 - 1 / 12)
 
 
 def index_bytes(count: int) -> int:

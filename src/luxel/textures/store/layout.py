@@ -47,7 +47,7 @@ class CodecChoice:
     ratio
         Raw bytes over compressed ones.
     error
-        Mean distortion to stay below.
+        Root mean squared error to stay below, in codes.
     codewords, components
         Sizes of a codebook and of a basis.
     """

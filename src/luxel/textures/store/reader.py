@@ -180,7 +180,7 @@ class BakedFrame:
     payload_bytes, shared_bytes
         Compressed bytes of a particle, and of what all particles share.
     distortion
-        What the codec changed: ``rms_levels`` and ``largest_levels`` in 8-bit levels, ``rms_luminance``.
+        What the codec changed: the values of :meth:`luxel.textures.codecs.Distortion.to_json`.
     """
 
     def __init__(self, baked: Baked, index: int) -> None:
@@ -203,7 +203,7 @@ class BakedFrame:
             self.clipped_count = int(about["clipped"])
             self.payload_bytes = int(about["payload_bytes"])
             self.shared_bytes = int(about["shared_bytes"])
-            self.distortion: Mapping[str, float] = dict(about["distortion"])
+            self.distortion: Mapping[str, Any] = dict(about["distortion"])
             self.fingerprint: Mapping[str, str] = dict(about["fingerprint"])
 
     @property
@@ -318,7 +318,7 @@ class BakedFrame:
 
 
 class StoredCodes:
-    """Codes of a frame by rows of particles: ``codes[a:b]`` is (b - a, T, T) uint8.
+    """Codes of a frame, (N, T, T) uint8, read and unpacked when they are sliced.
 
     Parameters
     ----------
@@ -329,9 +329,14 @@ class StoredCodes:
     """
 
     def __init__(self, frame: BakedFrame, *, raw: bool) -> None:
+        texels = frame.settings.spec.texels
+        self.shape, self.dtype = (frame.count, texels, texels), np.dtype(np.uint8)
         beside = raw and frame.settings.codec.kind != "raw"
         self._stored = frame.array("raw" if beside else "payload")
         self._codec = None if beside else frame.codec
+
+    def __len__(self) -> int:
+        return self.shape[0]
 
     def __getitem__(self, rows: slice) -> NDArray[np.uint8]:
         """Return the codes of some particles."""

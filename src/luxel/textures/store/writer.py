@@ -14,6 +14,7 @@ from luxel.errors import FormatError, InputError
 from luxel.light.lights import luminance_scale
 from luxel.scene.scene import Scene
 from luxel.textures import codecs
+from luxel.textures.codecs.distortion import Distortion, DistortionSum
 from luxel.textures.spec import light_key
 from luxel.textures.store.arrays import ArrayFiles, StoredArray, write_array, write_group
 from luxel.textures.store.files import remove_tree
@@ -30,7 +31,14 @@ _ROWS = 1 << 18
 
 
 class Codes(Protocol):
-    """Textures before compression, by rows of particles."""
+    """Textures before compression, (N, T, T) uint8, that are read when they are sliced."""
+
+    shape: tuple[int, int, int]
+    dtype: np.dtype[np.uint8]
+
+    def __len__(self) -> int:
+        """Return the number of textures."""
+        ...
 
     def __getitem__(self, rows: slice) -> NDArray[np.uint8]:
         """Return (K, T, T) codes."""
@@ -85,13 +93,13 @@ class FrameWriter:
 
     def lit(self) -> Codes:
         """Return the codes of all chunks, once none is missing."""
-        return _Lit(self._stored("payload" if self.is_raw else "raw"), self.settings.spec.texels)
+        return _Lit(self._stored("payload" if self.is_raw else "raw"), self.count, self.settings.spec.texels)
 
     def finish(self, original: Codes, progress: Progress | None = None) -> None:
         """Compress `original` as the settings say, write down what that changed, and mark the frame complete."""
         if self.is_raw:
-            codec: codecs.Codec = codecs.train("raw", original[0:1])
-            distortion = {"rms_levels": 0.0, "largest_levels": 0, "rms_luminance": 0.0}
+            codec: codecs.Codec = codecs.RawCodec(self.settings.spec.texels)
+            distortion = Distortion.none(ratio=1.0)
         else:
             codec = self._codec(original, progress)
             distortion = self._encode(codec, original, progress)
@@ -102,7 +110,7 @@ class FrameWriter:
             "payload_bytes": int(codec.payload_bytes),
             "shared_bytes": int(codec.shared_bytes),
             "clipped": int(clipped.sum()),
-            "distortion": distortion,
+            "distortion": distortion.to_json(),
         }
         write_group(self.folder, {"luxel": self._about})
         self._tidy()
@@ -149,7 +157,7 @@ class FrameWriter:
             return codecs.restore(stored["description"], shared)
         codec = codecs.train(
             choice.kind,
-            original[0 : self.count],
+            original,
             **choice.options,
             seed=self.settings.spec.seed,
             progress=None if progress is None else lambda done, total: progress("training", done, total),
@@ -160,32 +168,25 @@ class FrameWriter:
         write_group(folder, {"description": codec.describe(), "shared": sorted(codec.shared)})
         return codec
 
-    def _encode(self, codec: codecs.Codec, original: Codes, progress: Progress | None) -> dict[str, float]:
+    def _encode(self, codec: codecs.Codec, original: Codes, progress: Progress | None) -> Distortion:
         """Write the payload of all chunks; return how far what comes back is from `original`."""
         payload = ArrayFiles(
             self.folder / "payload", (self.count, codec.payload_bytes), np.uint8, self.settings.chunk
         )
-        luminance = decoding_table(self._about["scale"], self._about["encoding"]).astype(np.float64)
-        levels, light, largest = 0, 0.0, 0
+        spec = self.settings.spec
+        total = DistortionSum(
+            spec.texels, decoding_table(self._about["scale"], self._about["encoding"]), spec.mapping
+        )
         for k in range(payload.count):
             rows = payload.rows(k)
             codes = original[rows]
             encoded = codec.encode(codes)
             if not payload.has(k):
                 payload.write(k, encoded)
-            decoded = codec.decode(encoded)
-            difference = decoded.astype(np.int64) - codes
-            levels += int((difference**2).sum())
-            largest = max(largest, int(np.abs(difference).max()))
-            light += float(((luminance[decoded] - luminance[codes]) ** 2).sum())
+            total.add(codes, codec.decode(encoded))
             if progress is not None:
                 progress("encoding", rows.stop, self.count)
-        texels = self.count * self.settings.spec.texels**2
-        return {
-            "rms_levels": (levels / texels) ** 0.5,
-            "largest_levels": largest,
-            "rms_luminance": (light / texels) ** 0.5,
-        }
+        return total.result(self.count * codec.payload_bytes + codec.shared_bytes)
 
     def _tidy(self) -> None:
         if not self.settings.keep_raw:
@@ -198,11 +199,16 @@ class FrameWriter:
 
 
 class _Lit:
-    def __init__(self, stored: StoredArray, texels: int) -> None:
-        self._stored, self._texels = stored, texels
+    dtype = np.dtype(np.uint8)
+
+    def __init__(self, stored: StoredArray, count: int, texels: int) -> None:
+        self._stored, self.shape = stored, (count, texels, texels)
+
+    def __len__(self) -> int:
+        return self.shape[0]
 
     def __getitem__(self, rows: slice) -> NDArray[np.uint8]:
-        return self._stored[rows].reshape(-1, self._texels, self._texels)
+        return self._stored[rows].reshape(-1, *self.shape[1:])
 
 
 def read_attributes(folder: Path) -> Mapping[str, Any] | None:
