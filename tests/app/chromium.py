@@ -127,7 +127,8 @@ class Browser:
 class Page:
     """One tab, of `browser` or else in a browser of its own.
 
-    `messages` collects what the page wrote to its console and exceptions it did not catch.
+    `messages` collects what the page wrote to its console and exceptions it did not catch; `requests` the addresses
+    that it asked for, once the test has called ``Network.enable``.
     """
 
     def __init__(
@@ -136,6 +137,7 @@ class Page:
         self.browser = browser or Browser()
         self._owned = browser is None
         self.messages: list[str] = []
+        self.requests: list[str] = []
         self._numbers = itertools.count(1)
         try:
             address, self._end = self.browser.tab()
@@ -277,3 +279,5 @@ class Page:
                     "performance warning" not in text and "too many errors" not in text
                 ):  # of drawing by software
                     self.messages.append(text)
+            case "Network.requestWillBeSent":
+                self.requests.append(params["request"]["url"])

@@ -113,7 +113,7 @@ def test_a_frame_takes_its_budget_and_at_most_one_piece_of_work_more(budget_s):
                 break
         assert frame.final
         assert frame.ready == frame.visible
-        assert sum(sizes) >= texture_s * frame.visible
+        assert sum(sizes) >= 0.999 * texture_s * frame.visible
 
 
 def test_rays_add_up_while_the_camera_rests_and_start_anew_when_it_moves():
