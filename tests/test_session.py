@@ -114,6 +114,25 @@ def test_sighted_particles_become_ready_and_nobody_else():
         assert batch.codes[:, 0, 0].tolist() == [8 + 170, 3 + 170]
 
 
+def test_a_renderer_may_fill_its_list_of_ids_anew():
+    with open_session() as session:
+        found = np.arange(100, dtype=np.int32)
+        session.sighted(found[:5], EYE)
+        found[:] = 99
+        session.wait()
+        assert session.tiles(range(100)).ids.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_widths_go_with_their_ids():
+    with open_session() as session:
+        with pytest.raises(InputError, match="pixels"):
+            session.sighted([1, 2], EYE, pixels=[3.0])
+        session.sighted([7, 3, 7, 5], EYE, pixels=[70.0, 30.0, 70.0, 50.0])
+        (sighting,) = session._cache.sightings.values()
+        assert sighting.ids.tolist() == [3, 5, 7]
+        assert sighting.measure(np.array([3, 7], np.int32))[1].tolist() == [30.0, 70.0]
+
+
 def test_the_nearest_to_the_eye_come_first():
     particles = Particles(np.array([[0.0, 0, 0], [5.0, 0, 0], [9.0, 0, 0]]) + 1e6, 0.1)
     with open_session(particles) as session:

@@ -27,6 +27,7 @@ from luxel.scene.periodic import parse_axes
 from luxel.scene.saved import Lighting
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker
+from luxel.textures.estimate import EstimateBaker
 from luxel.textures.spec import TextureSpec, light_key
 from luxel.textures.store.reader import Baked, BakedFrame
 from luxel.textures.store.source import StoredBaker
@@ -119,6 +120,11 @@ class Session:
         Baking threads; None means one a core, 0 none: :meth:`run_for` does the work.
     max_bytes
         Budget of the texture cache.
+    estimates
+        Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) come before those of `spec`. Only for clients that keep
+        sighting what has no more than an estimate.
+    small_pixels
+        With estimates: a particle narrower than this on every screen, as far as clients tell, gets nothing better. 0 for none.
     clock
         Seconds, never going backwards.
     make_baker
@@ -154,6 +160,8 @@ class Session:
         view: View | None = None,
         threads: int | None = None,
         max_bytes: int = 256 << 20,
+        estimates: bool = False,
+        small_pixels: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
         make_baker: MakeBaker | None = None,
     ) -> None:
@@ -166,7 +174,8 @@ class Session:
         self._make_baker = Baker if make_baker is None else make_baker
         self._lock = threading.RLock()
         self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping)
-        self._engine = Engine(self._cache, threads=self._thread_count, clock=clock)
+        self._estimates = estimates
+        self._engine = Engine(self._cache, threads=self._thread_count, clock=clock, small_pixels=small_pixels)
         self._closed = False
         self.series: Sequence[Particles]
         if isinstance(series, Scene):
@@ -225,7 +234,14 @@ class Session:
         """The session's textures for renderers: a :class:`luxel.textures.textures.TextureSource`."""
         return SessionTextures(self)
 
-    def sighted(self, ids: ArrayLike, eye: ArrayLike, client: str = "", key: str | None = None) -> None:
+    def sighted(
+        self,
+        ids: ArrayLike,
+        eye: ArrayLike,
+        client: str = "",
+        key: str | None = None,
+        pixels: ArrayLike | None = None,
+    ) -> None:
         """Note which particles a client sees now, and queue those without a texture. Cheap; call it once a frame.
 
         Parameters
@@ -238,25 +254,33 @@ class Session:
             Any name; see :meth:`forget`.
         key
             The light key that the client shows, if it may be behind; then nothing happens.
+        pixels
+            (K,) how wide they are on the screen, in pixels, beside `ids`; None if nobody knows.
 
         Raises
         ------
         InputError
-            For ids outside the frame, or an eye that is not three finite numbers.
+            For ids outside the frame, an eye that is not three finite numbers, or another number of widths.
         """
         self._check_open()
         lit = self._lit
         if (key is not None and key != lit.key) or lit.scene.model == "lambertian":
             return
         visible = as_ids(np.asarray(ids), len(lit.scene.particles))
-        if not (visible[1:] > visible[:-1]).all():
-            visible = np.sort(visible)
+        width = None if pixels is None else np.array(pixels, dtype=np.float32)
+        if width is not None and width.shape != visible.shape:
+            raise InputError(f"pixels must have shape {visible.shape} as ids have, got {width.shape}")
+        if (visible[1:] > visible[:-1]).all():
+            visible = visible.copy()  # the caller may fill its own anew for the next frame
+        else:
+            order = np.argsort(visible, kind="stable")
+            visible = visible[order]
+            order = order[np.concatenate([[True], visible[1:] > visible[:-1]])]
             visible = visible[np.concatenate([[True], visible[1:] > visible[:-1]])]
-        elif visible is ids:
-            visible = visible.copy()  # it may be the caller's own, to be filled again
+            width = None if width is None else width[order]
         spheres = SphereSet.of(lit.scene.particles)
         at = spheres.to_unit(as_vector(eye, "eye"))
-        self._engine.request(lit.key, visible, _Look(spheres, at, lit.diagonal), client)
+        self._engine.request(lit.key, visible, _Look(spheres, at, lit.diagonal, visible, width), client)
 
     def tiles(self, ids: ArrayLike, key: str | None = None) -> TileBatch:
         """Return the finished textures among `ids`, under the current light key or another that is still cached."""
@@ -444,20 +468,26 @@ class Session:
     def _bakers(self, frame: int, scene: Scene) -> Bakers:
         if self._baked is not None:
             return Bakers(StoredBaker(self._baked[frame]))
-        return Bakers(self._make_baker(scene, self.spec))
+        baker = self._make_baker(scene, self.spec)
+        return Bakers(baker, EstimateBaker(baker) if self._estimates and isinstance(baker, Baker) else None)
 
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """Measures how far particles are from an eye; a :data:`luxel.dynamic.sightings.Measure`."""
+    """Measures how far and how large particles are; a :data:`luxel.dynamic.sightings.Measure`."""
 
     spheres: SphereSet
     eye: NDArray[np.float64]  # normalised units
     diagonal: float
+    visible: Ids  # ascending
+    pixels: NDArray[np.float32] | None  # beside `visible`
 
-    def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], None]:
+    def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], NDArray[np.floating] | None]:
         away = self.spheres.centers.take(ids, axis=0) - self.eye
-        return np.sqrt((away * away).sum(axis=1)) / self.diagonal, None
+        distance = np.sqrt((away * away).sum(axis=1)) / self.diagonal
+        if self.pixels is None:
+            return distance, None
+        return distance, self.pixels[np.searchsorted(self.visible, ids)]
 
 
 class SessionTextures:

@@ -24,6 +24,7 @@ __all__ = [
     "texel_directions",
     "texel_neighbours",
     "texel_uv",
+    "texel_weights",
     "wrapped",
 ]
 
@@ -239,3 +240,19 @@ def texel_neighbours(mapping, texels, out):
                 right = 2 * k - 5 if k >= 2 else 0
                 r, c = wrapped(mapping, texels, row + down, column + right)
                 out[k, row * texels + column] = r * texels + c
+
+
+@kernel
+def texel_weights(mapping, texels, finer, places, weights):
+    """Flat indices and weights (4, F²) with which textures of T² texels are interpolated bilinearly at the centres of F² texels."""
+    ratio = np.float32(texels) / np.float32(finer)
+    for row in range(finer):
+        for column in range(finer):
+            x = (np.float32(column) + _HALF) * ratio - _HALF
+            y = (np.float32(row) + _HALF) * ratio - _HALF
+            left, top = int(np.floor(x)), int(np.floor(y))
+            a, b = x - np.float32(left), y - np.float32(top)
+            for k in range(4):
+                r, c = wrapped(mapping, texels, top + k // 2, left + k % 2)
+                places[k, row * finer + column] = r * texels + c
+                weights[k, row * finer + column] = (a if k % 2 else _ONE - a) * (b if k // 2 else _ONE - b)

@@ -101,9 +101,13 @@ class Baker:
             self._fast.prepare(thread_count(threads))
 
     def preparation(self, threads: int) -> Iterator[None]:
-        """As :meth:`prepare`, a little with every step."""
-        self.prepare(threads)
-        yield
+        """As :meth:`prepare`, with one thread in short steps."""
+        if self.spec.mode == "fast":
+            yield from self._fast.preparation(threads)
+
+    def coarser_light(self, texels: int, samples: int) -> FastLight:
+        """Return ``fast`` light of the same scene at another resolution."""
+        return self._fast.coarser(texels, samples)
 
 
 def bake(
