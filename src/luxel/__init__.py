@@ -38,6 +38,7 @@ _HOMES = {
     "View": "luxel.scene.view",
     "bake": "luxel.textures.bake",
     "bake_to": "luxel.textures.store.bake",
+    "export": "luxel.app.export",
     "encode_to": "luxel.textures.store.bake",
     "open": "luxel.io",
     "open_baked": "luxel.textures.store.reader",

@@ -127,7 +127,8 @@ class Browser:
 class Page:
     """One tab, of `browser` or else in a browser of its own.
 
-    `messages` collects what the page wrote to its console and exceptions it did not catch.
+    `messages` collects what the page wrote to its console and exceptions it did not catch; `requests` the addresses
+    that it asked for, once the test has called ``Network.enable``.
     """
 
     def __init__(
@@ -136,6 +137,7 @@ class Page:
         self.browser = browser or Browser()
         self._owned = browser is None
         self.messages: list[str] = []
+        self.requests: list[str] = []
         self._numbers = itertools.count(1)
         try:
             address, self._end = self.browser.tab()
@@ -211,6 +213,28 @@ class Page:
             )
         self._mouse("mouseReleased", end, 0)
 
+    def click(self, at: tuple[float, float]) -> None:
+        """Click with the left mouse button."""
+        self._mouse("mousePressed", at, 1)
+        self._mouse("mouseReleased", at, 0)
+
+    def press(self, key: str, *, shift: bool = False) -> None:
+        """Press and release a key, named as in a KeyboardEvent, where the focus is."""
+        code = {
+            "Tab": 9,
+            "Enter": 13,
+            "Escape": 27,
+            " ": 32,
+            "ArrowLeft": 37,
+            "ArrowUp": 38,
+            "ArrowRight": 39,
+        }
+        code["ArrowDown"] = 40
+        what = {"key": key, "modifiers": 8 if shift else 0, "windowsVirtualKeyCode": code.get(key, 0)}
+        text = {"Enter": "\r"}.get(key, key if len(key) == 1 else "")
+        self.call("Input.dispatchKeyEvent", type="keyDown", **what, **({"text": text} if text else {}))
+        self.call("Input.dispatchKeyEvent", type="keyUp", **what)
+
     def close(self) -> None:
         """Close the tab, and its browser if it has one of its own."""
         with contextlib.suppress(AttributeError, OSError, websocket.WebSocketException):
@@ -250,4 +274,10 @@ class Page:
             case "Runtime.consoleAPICalled":
                 self.messages.append(" ".join(str(each.get("value")) for each in params["args"]))
             case "Log.entryAdded":
-                self.messages.append(params["entry"]["text"])
+                text = params["entry"]["text"]
+                if (
+                    "performance warning" not in text and "too many errors" not in text
+                ):  # of drawing by software
+                    self.messages.append(text)
+            case "Network.requestWillBeSent":
+                self.requests.append(params["request"]["url"])

@@ -29,10 +29,11 @@ def settle(page: Page, *, fully: bool = False) -> dict[str, Any]:
     Fully: also what only shows between them, so that nothing is left to ask for.
     """
     known = "settled" if fully else "known"
-    page.wait(
-        f"window.luxel && (s => s.{known} && s.visible > 0 && s.ready === s.visible)(luxel.state())", WAIT_S
+    return page.wait(
+        "window.luxel && luxel.state()",
+        WAIT_S,
+        lambda s: s and s[known] and s["visible"] > 0 and s["ready"] == s["visible"],
     )
-    return page.run("luxel.state()")
 
 
 def capture(page: Page) -> tuple[np.ndarray, np.ndarray]:

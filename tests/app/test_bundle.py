@@ -27,12 +27,12 @@ def test_modules_come_once_and_after_what_they_import(folder):
         folder,
         main='// a comment\nimport { two as b } from "./two.js";\nimport * as one from "./one.js";\nexport const sum = b + one.one;\n',
         two='import {\n  one,\n} from "./one.js";\n/** Twice.\n * @returns {number} */\nexport const two = 2 * one;\n',
-        one="export const one = 1;\nexport function unused() {}\nexport async function later() {}\nexport class Thing {}\n",
+        one="export const one = 1;\nexport function unused() {}\nexport async function later() {}\nexport class Thing {}\nconst last = 3;\nexport { last };\n",
     )
     code = bundle.client_module("main")
     assert code.count("one = 1") == 1
     assert code.index("const $one") < code.index("const $two") < code.index("const $main")
-    assert "return { one, unused, later, Thing };" in code
+    assert "return { one, unused, later, Thing, last };" in code
     assert "const { two: b } = $two;" in code
     assert "const one = $one;" in code
     assert "comment" not in code
@@ -45,6 +45,7 @@ def test_modules_come_once_and_after_what_they_import(folder):
     [
         ("export default 3;", "cannot bundle"),
         ("export let x = 3;", "cannot bundle"),
+        ("const x = 1;\nexport { x as y };", "cannot bundle"),
         ('export * from "./other.js";', "cannot bundle"),
         ('import "./other.js";', "cannot bundle"),
         ('import what from "./other.js";', "cannot bundle"),
@@ -58,7 +59,7 @@ def test_what_would_not_work_is_refused(folder, source, message):
         bundle.client_module("main")
 
 
-@pytest.mark.parametrize("entry", ["page", "widget"])
+@pytest.mark.parametrize("entry", ["page", "widget", "file"])
 def test_the_client_can_be_bundled(entry):
     code = bundle.client_module(entry)
     assert not re.search(r"^import\b", code, re.MULTILINE)

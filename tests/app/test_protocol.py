@@ -27,6 +27,7 @@ FROM_PAGE = [
     protocol.SetLight(up="y", hide=[{"kind": "cut", "normal": [1, 0, 0], "offset": 2}], radius_scale=1.5),
     protocol.SetView({"exposure": 2}),
     protocol.LoadView({"luxel_view": 1}),
+    protocol.Inspect(7),
     protocol.SetFrame(3),
     protocol.ScalarRequest("velocity.x"),
     protocol.ColormapRequest("viridis"),
@@ -40,6 +41,7 @@ FROM_SERVER = [
     protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
     protocol.Error("no such scalar"),
     protocol.ViewState({"exposure": 2}),
+    protocol.ParticleState(1, 7, "1, 2, 3", "0.5", [("T", "300")]),
     protocol.Coarse("ab12", IDS, np.arange(12, dtype=np.float16).reshape(3, 4)),
     protocol.CodecState(
         "ab12",

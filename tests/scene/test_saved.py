@@ -134,3 +134,10 @@ def test_lights_keep_every_bit(tmp_path):
     again = SavedView.load(tmp_path / "view.json").light.lights[0]
     np.testing.assert_array_equal(again.direction, sun.direction)
     assert again.level == sun.level
+
+
+def test_whole_numbers_are_the_same_light_however_they_are_written():
+    """A browser writes 20.0 as 20."""
+    exact = Lighting("ao", (Sky(1.0, ground=0.0), Sun((1, 2, 3), 2.0, 20.0)), 1.0, ao_distance=3.0)
+    whole = Lighting("ao", (Sky(1, ground=0), Sun((1, 2, 3), 2, 20)), 1, ao_distance=3)
+    assert whole.scene(cloud()).key == exact.scene(cloud()).key

@@ -16,6 +16,7 @@ CLIENT_FOLDER = Path(__file__).parent / "client"
 
 _IMPORT = re.compile(r'^import\s+([^;"]+?)\s+from\s+"\./([\w-]+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?:(?:async )?function\*?|class|const) +(?=([\w$]+))", re.MULTILINE)
+_EXPORT_LIST = re.compile(r"^export \{ ?([\w$]+(?:, [\w$]+)*) ?\};$", re.MULTILINE)
 _STATEMENT = re.compile(r"^(?:import|export)\b.*$", re.MULTILINE)
 _COMMENT = re.compile(r"^[ \t]*(?://.*|/\*\*(?:(?!\*/)[\s\S])*\*/[ \t]*)\n", re.MULTILINE)
 
@@ -69,6 +70,9 @@ def _add(module: str, parts: list[str], done: dict[str, list[str]], path: tuple[
             )
     source = _IMPORT.sub(lambda found: f"const {_bindings(found[1])} = {_name(found[2])};", source)
     exported = [found[1] for found in _EXPORT.finditer(source)]
+    for found in _EXPORT_LIST.finditer(source):
+        exported += found[1].split(", ")
+    source = _EXPORT_LIST.sub("", source)
     source = _EXPORT.sub(lambda found: found[0].removeprefix("export "), source)
     if left := _STATEMENT.search(source):
         raise ValueError(f"client module {module}.js: cannot bundle {left[0]!r}")

@@ -197,6 +197,9 @@ class Hub:
                 page.view = await asyncio.to_thread(View.from_json, message.view)
             case protocol.LoadView():
                 await self._load_view(page, message.saved)
+            case protocol.Inspect():
+                told = state.particle(self.session.particles, message.id, self._epoch)
+                page.post("particle", lambda: told)
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
 

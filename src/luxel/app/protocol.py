@@ -27,9 +27,11 @@ __all__ = [
     "Error",
     "Geometry",
     "Hello",
+    "Inspect",
     "LightState",
     "LoadView",
     "Message",
+    "ParticleState",
     "Payload",
     "Report",
     "Scalar",
@@ -196,6 +198,14 @@ class LoadView(Message):
 
     kind: ClassVar[int] = 41
     saved: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Inspect(Message):
+    """Tell everything about one particle."""
+
+    kind: ClassVar[int] = 42
+    id: int
 
 
 # From the server ----------------------------------------------------------------------------------------------------
@@ -435,6 +445,26 @@ class ViewState(Message):
     view: Mapping[str, Any]
 
 
+@dataclass(frozen=True, eq=False)
+class ParticleState(Message):
+    """Everything about one particle, as texts for people.
+
+    Parameters
+    ----------
+    position, radius
+        In file units.
+    values
+        Name and value of each scalar; components of vectors in one.
+    """
+
+    kind: ClassVar[int] = 51
+    epoch: int
+    id: int
+    position: str
+    radius: str
+    values: Sequence[tuple[str, str]]
+
+
 ClientMessage = (
     Hello
     | Sighted
@@ -446,6 +476,7 @@ ClientMessage = (
     | Report
     | SetView
     | LoadView
+    | Inspect
 )
 _SERVER_KINDS: dict[int, type[Message]] = {
     each.kind: each
@@ -462,6 +493,7 @@ _SERVER_KINDS: dict[int, type[Message]] = {
         CodecState,
         Payload,
         ViewState,
+        ParticleState,
     )
 }
 
@@ -508,6 +540,8 @@ def decode_client(data: bytes) -> ClientMessage:
             return SetView(_object(head, "view"))
         case LoadView.kind:
             return LoadView(_object(head, "saved"))
+        case Inspect.kind:
+            return Inspect(_whole(head, "id"))
     raise ProtocolError(f"message of unknown kind {kind}")
 
 

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,7 @@ __all__ = [
     "geometry",
     "light_state",
     "lights_with",
+    "particle",
     "restore",
     "scalar",
     "scene_state",
@@ -149,6 +151,39 @@ def scalar(particles: Particles, name: str, epoch: int) -> protocol.Scalar:
         view.with_changes(log=True).scalar_range(particles),
         values.dtype.kind in "iu",
     )
+
+
+def particle(particles: Particles, k: int, epoch: int) -> protocol.ParticleState:
+    """Describe particle `k`.
+
+    Raises
+    ------
+    InputError
+        If there is no such particle.
+    """
+    if not 0 <= k < len(particles):
+        raise InputError(f"no particle {k} — there are {len(particles)}, counted from 0")
+    values = []
+    for name, column in particles.scalars.items():
+        labels = particles.categories.get(name, ())
+        cells = np.atleast_1d(column[k])
+        code = int(cells[0]) if column.ndim == 1 and column.dtype.kind in "iu" else -1
+        text = labels[code] if 0 <= code < len(labels) else ", ".join(_number_text(cell) for cell in cells)
+        values.append((name, text))
+    position = particles.origin + particles.local[k]
+    return protocol.ParticleState(
+        epoch,
+        k,
+        ", ".join(f"{x:.7g}" for x in position),
+        _number_text(particles.radii[k]),
+        values,
+    )
+
+
+def _number_text(value: Any) -> str:
+    if isinstance(value, np.integer):
+        return str(value)
+    return "no data" if np.isnan(value) else f"{value:.6g}"
 
 
 def colormap(name: str) -> protocol.Colormap:

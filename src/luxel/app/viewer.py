@@ -31,7 +31,7 @@ from luxel.textures.store.reader import Baked
 if TYPE_CHECKING:
     from luxel.app.widget import ViewerWidget
 
-__all__ = ["Viewer", "view"]
+__all__ = ["Viewer", "make_session", "view"]
 
 _log = logging.getLogger(__name__)
 _START_TIMEOUT_S = 30.0
@@ -195,7 +195,7 @@ def view(
     if not owned and (session_options or threads is not None):
         given = ", ".join([*session_options, *(["threads"] if threads is not None else [])])
         raise InputError(f"{given}: options for a new session, but a Session was given — set them there")
-    session = _make_session(target, view, threads, session_options) if owned else target
+    session = make_session(target, view, threads, session_options) if owned else target
     if not owned and view is not None:
         session.view = view
     try:
@@ -219,7 +219,8 @@ def view(
     return viewer
 
 
-def _make_session(target: Any, view: View | None, threads: int | None, options: dict[str, Any]) -> Session:
+def make_session(target: Any, view: View | None, threads: int | None, options: dict[str, Any]) -> Session:
+    """Return a session of whatever :func:`view` takes; `options` are those of :class:`luxel.Session`."""
     if isinstance(target, str | os.PathLike) or (
         isinstance(target, list | tuple) and isinstance(target[0], str)
     ):

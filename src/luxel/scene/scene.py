@@ -135,7 +135,8 @@ class Scene:
         digest = hashlib.blake2b(digest_size=16)
         digest.update(_particles_digest(self.particles))
         digest.update(repr([_describe(light) for light in self.sources]).encode())
-        digest.update(repr((self.model, float(self.albedo), self.ao_distance)).encode())
+        reach = None if self.ao_distance is None else float(self.ao_distance)
+        digest.update(repr((self.model, float(self.albedo), reach)).encode())
         if self.axes:
             cell = checked_cell(self.particles, self.axes)
             digest.update(repr((self.axes, self.periodic_images)).encode())
@@ -150,10 +151,9 @@ class Scene:
 
 
 def _describe(light: Light) -> tuple[Any, ...]:
-    return (
-        type(light).__name__,
-        *(np.asarray(getattr(light, f.name), dtype=object).tolist() for f in fields(light)),
-    )
+    # 20 and 20.0 are the same level: JSON written by a browser does not tell them apart.
+    values = (np.asarray(getattr(light, f.name), dtype=object).tolist() for f in fields(light))
+    return (type(light).__name__, *(float(v) if isinstance(v, int) else v for v in values))
 
 
 def _particles_digest(particles: Particles) -> bytes:

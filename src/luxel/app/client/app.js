@@ -3,12 +3,14 @@
 import * as cameras from "./camera.js";
 import { CoarseStore } from "./coarse.js";
 import { BakedStore } from "./codecs.js";
-import { RGB, drawColorbar, grading, isCategorical, label, normalised, packed, rgb, toLinear } from "./colors.js";
+import { RGB, drawColorbar, grading, isCategorical, normalised, packed, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
 import { debounced, download, finder } from "./dom.js";
 import { Shown } from "./hiding.js";
+import { Overlay } from "./overlay.js";
 import { Panel } from "./panel.js";
+import { Pick } from "./pick.js";
 import { KIND, decode, encode } from "./protocol.js";
 import { PARTICLES_WIDTH, Renderer } from "./renderer.js";
 import { Sight } from "./sight.js";
@@ -101,6 +103,12 @@ export class App {
       saveView: () => this.saveView(),
       loadView: (text) => this.loadView(text),
     });
+    this.overlay = new Overlay(/** @type {any} */ (this.element("overlay")));
+    this.pick = new Pick(root, {
+      inspect: (id) => this.connection.send(encode(KIND.inspect, { id })),
+      shown: () => this.shown,
+      redraw: () => this.drawOverlay(),
+    });
     this.renderer = this.makeRenderer();
     this.film = this.makeFilm();
     connection.onmessage = (message) => this.receive(decode(message));
@@ -117,7 +125,8 @@ export class App {
       set: (camera) => this.setCamera(camera),
       frame: () => this.fit(),
       axis: (axis, negative) => this.axisView(axis, negative),
-      click: (x, y) => this.pick(x, y),
+      click: (x, y) => this.pickAt(x, y),
+      escape: () => this.pick.set(-1),
     });
     this.canvas.addEventListener("webglcontextlost", (event) => {
       if (this.closing.signal.aborted) return;
@@ -179,6 +188,7 @@ export class App {
         return this.showStatus();
       case KIND.error: return this.trouble("server", head.text, true);
       case KIND.view: return this.takeView(head.view);
+      case KIND.particle: return head.epoch === this.scene?.epoch && this.pick.take(head);
     }
   }
 
@@ -198,6 +208,7 @@ export class App {
     this.baked = null;
     this.guard(() => this.renderer.sets[0].setTiles(this.tiles, this.coarse, head));
     this.sight = new Sight(head.count);
+    if (this.pick.id >= 0) this.pick.set(again && this.pick.id < head.count ? this.pick.id : -1);
     this.panel.setScene(head, again);
     this.trouble("notice", head.notice || null);
     if (!again || this.camera === null) {
@@ -217,7 +228,7 @@ export class App {
       this.opened = head.lighting.hide;
       this.panel.hiding.take({ keeps: this.panel.settings.hide, opens: this.opened });
     }
-    this.scaleRadii(head.lighting.radius_scale);
+    if (!this.panel.ahead("radius")) this.scaleRadii(head.lighting.radius_scale);
     this.applyHiding();
     this.tiles.setLight(head.key, arrays.decoding);
     this.coarse.setLight(head.key);
@@ -404,6 +415,11 @@ export class App {
     this.schedule();
   }
 
+  /** Whether the server is still to be told of a change. */
+  get pending() {
+    return this.sendOpened.pending() || Object.values(this.panel.changes).some((change) => change.pending());
+  }
+
   // What is shown ------------------------------------------------------------------------------------------------------
 
   /** @param {import("./hiding.js").Condition[]} keeps @param {import("./hiding.js").Condition[]} opens */
@@ -433,6 +449,7 @@ export class App {
   /** The spheres have changed, and with them what is visible. */
   uploadSpheres() {
     this.shown.flush((start, part) => this.renderer.setSpheres(start, part));
+    this.drawOverlay();
     if (this.camera !== null) this.film.setCamera(this.camera); // as after a move: coarse at first, then everything anew
     this.schedule();
   }
@@ -533,6 +550,7 @@ export class App {
     this.camera = camera;
     this.element("orthographic").checked = camera.height !== null;
     this.film.setCamera(camera);
+    this.drawOverlay();
     this.schedule();
   }
 
@@ -549,6 +567,7 @@ export class App {
       this.film.restart();
     }
     this.drawBar();
+    this.drawOverlay();
     this.schedule();
   }
 
@@ -665,21 +684,15 @@ export class App {
   }
 
   /** Tell about the particle at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */
-  pick(x, y) {
+  pickAt(x, y) {
+    if (this.camera !== null && this.scene !== null) this.pick.set(this.renderer.idAt(this.camera, x, 1 - y));
+  }
+
+  /** Axes, scale bar and what was picked. */
+  drawOverlay() {
     if (this.camera === null || this.scene === null) return;
-    const { width, height, ids } = this.renderer.capture(this.camera);
-    const id = ids[Math.min(height - 1, Math.floor((1 - y) * height)) * width + Math.min(width - 1, Math.floor(x * width))];
-    const readout = this.element("readout");
-    readout.hidden = id < 0;
-    if (id < 0) return;
-    const { center, unit } = this.scene;
-    const place = [0, 1, 2].map((a) => Number((center[a] + unit * this.shown.spheres[4 * id + a]).toPrecision(6)));
-    const lines = [`particle ${id}`, `at ${place.join(", ")}`, `radius ${Number((unit * this.shown.drawn[4 * id + 3]).toPrecision(4))}`];
-    for (const [name, { values, labels, range }] of this.scalars) {
-      const text = labels?.[values[id]] ?? (Number.isNaN(values[id]) ? "no data" : label(values[id], range[1] - range[0]));
-      lines.push(`${name} ${text}`);
-    }
-    readout.textContent = lines.join("\n");
+    const at = this.overlay.draw(this.camera, this.scene, this.pick.sphere);
+    this.pick.place(at, this.stage.clientWidth, this.stage.clientHeight);
   }
 
   save() {

@@ -1,10 +1,12 @@
 // `window.luxel`: what tests and the browser's console can see and do.
 
+import { App } from "./app.js";
+import { KIND, encode } from "./protocol.js";
 import { cameraFromFile, cameraToFile } from "./views.js";
 
 /** @typedef {import("./camera.js").Camera} Camera */
 
-/** @param {import("./app.js").App} app */
+/** @param {App} app */
 export function handle(app) {
   const base64 = (/** @type {ArrayBufferView} */ view) => {
     const bytes = new Uint8Array(view.buffer, view.byteOffset, view.byteLength);
@@ -30,6 +32,20 @@ export function handle(app) {
     setCamera: (camera) => app.setCamera(cameraFromFile(camera, app.scene)),
     /** All that makes this picture, see luxel.SavedView. */
     savedView: () => app.savedView(),
+    /** Resolves once the server has acted on all that this page has said, and no change waits to be sent. */
+    synced: async () => {
+      while (app.pending) await new Promise(requestAnimationFrame);
+      await new Promise((resolve) => {
+        app.receive = (message) => {
+          App.prototype.receive.call(app, message);
+          if (message.kind !== KIND.particle) return;
+          app.receive = App.prototype.receive;
+          resolve(true);
+        };
+        app.connection.send(encode(KIND.inspect, { id: 0 })); // messages of a page are acted on in turn
+      });
+      return true;
+    },
     /** The picture (RGBA) and ids of pixel centres, rows from the bottom, as base64. */
     capture: () => {
       app.upload(); // what came since the last frame counts

@@ -98,6 +98,8 @@ export class Panel {
     });
     const frame = debounced(() => listener.frame(this.element("frame").valueAsNumber), LIGHT_DELAY_MS);
     on("frame", "input", () => { this.show(); frame(); });
+    /** Changes that the server does not know yet, by the control. @type {Record<string, {pending: () => boolean}>} */
+    this.changes = { sky, radius, sun, azimuth: sun, elevation: sun, diameter: sun, frame };
     on("frame-all", "click", () => listener.fit());
     on("save", "click", () => listener.save());
     on("orthographic", "change", () => listener.projection());
@@ -148,6 +150,11 @@ export class Panel {
     return this.element("sky").valueAsNumber;
   }
 
+  /** Whether a control is ahead of the server, and must be left alone: it is being dragged, or its change is on its way. @param {string} id */
+  ahead(id) {
+    return this.changes[id].pending() || this.element(id).matches(":focus");
+  }
+
   get radiusScale() {
     return Number((2 ** this.element("radius").valueAsNumber).toPrecision(4));
   }
@@ -190,10 +197,8 @@ export class Panel {
     const [sky, sun] = [kind("Sky"), kind("Sun")];
     const shown = /** @type {Record<string, number>} */ ({ sky: sky?.level ?? 0, sun: sun?.level ?? 0, radius: Math.log2(scale) });
     if (sun) Object.assign(shown, anglesOf(sun.direction, this.settings.up), { diameter: sun.angular_diameter });
-    // A slider that is being dragged is ahead of the server; leave it alone.
     for (const [id, value] of Object.entries(shown)) {
-      const input = this.element(id);
-      if (!input.matches(":focus")) input.value = String(value);
+      if (!this.ahead(id)) this.element(id).value = String(value);
     }
     this.root.classList.toggle("no-lights", light.model === "ao");
     this.show();

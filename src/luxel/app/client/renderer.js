@@ -327,6 +327,18 @@ export class Renderer {
     return true;
   }
 
+  /** The id at a point of the picture, or -1; waits for it. @param {Camera} camera @param {number} x fraction from the left @param {number} y from the bottom */
+  idAt(camera, x, y) {
+    this.resize();
+    const { gl } = this;
+    const { width, height } = this.canvas;
+    this.drawIds(camera, [0, 0], { width, height, epoch: 0 }, ALL);
+    const wide = new Uint32Array(4);
+    const at = [x * width, y * height].map((place, k) => Math.max(0, Math.min([width, height][k] - 1, Math.floor(place))));
+    gl.readPixels(at[0], at[1], 1, 1, gl.RGBA_INTEGER, gl.UNSIGNED_INT, wide);
+    return wide[0] - 1;
+  }
+
   /** The picture and the ids at full size, one ray through the middle of every pixel; waits for them. @param {Camera} camera */
   capture(camera) {
     this.resize();
