@@ -17,7 +17,7 @@ import luxel
 from benchmarks.light_scenes import ISA, DataSet
 from benchmarks.light_speed import SAMPLES, Rows, bake_of
 from benchmarks.measure import interleaved, ratio
-from luxel.kernels.shade import develop
+from luxel.kernels.tone import develop
 from luxel.light.lights import scene_white
 from luxel.scene.colormap import linear_to_srgb
 from luxel.textures.bake import Baker, bake_with

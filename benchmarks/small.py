@@ -10,14 +10,14 @@ import numpy as np
 
 import luxel
 from benchmarks.scenes import plate, plate_camera
-from luxel.kernels import shade
+from luxel.kernels.tone import develop
 from luxel.light.lights import scene_white
 from luxel.light.world import make_world
 from luxel.picture.raytrace import draw_textures, make_eye, render
 from luxel.scene.colormap import linear_to_srgb, rgb, srgb_to_linear
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
-from luxel.textures.textures import TextureTable, decoding_table
+from luxel.textures.textures import FIRST_LIGHT, TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import thread_count
 
@@ -29,9 +29,9 @@ class _Coarse:
 
     def __init__(self, key: str, records: np.ndarray) -> None:
         self.key = key
-        none = np.full(len(records), -1, np.int32)
+        slot = np.where(records[:, 0] >= 0, FIRST_LIGHT, -1).astype(np.int32)
         blank = np.zeros((1, 16, 16), np.uint8)
-        self._table = TextureTable(none, blank, decoding_table(1.0, "sqrt"), coarse=records)
+        self._table = TextureTable(slot, blank, decoding_table(1.0, "sqrt"), coarse=records)
 
     def snapshot(self, key: str) -> TextureTable:
         return self._table
@@ -107,5 +107,5 @@ def _levels(
     )
     background = srgb_to_linear(rgb(view.background)).astype(np.float32)
     white = np.float32(scene_white(scene))
-    shade.develop(total, 1, np.float32(view.exposure), white, background, picture)
+    develop(total, 1, np.float32(view.exposure), white, background, picture)
     return linear_to_srgb(picture) * 255

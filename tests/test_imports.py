@@ -45,6 +45,9 @@ def test_values_load_nothing_heavy(name):
         "tqdm",
         "vtk",
         "gsd",
+        "anywidget",
+        "ipywidgets",
+        "traitlets",
     }
     assert not heavy & set(done.stdout.split())
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 import luxel
+from luxel.dynamic.cache import bytes_for
 from luxel.dynamic.work import TileBatch
 from luxel.errors import FrameError, InputError, SessionClosedError
 from luxel.particles import Particles
@@ -28,8 +30,8 @@ class FakeBaker:
     def first_light(self, ids: np.ndarray) -> np.ndarray:
         return np.repeat(ids[:, None] % 251, 4, axis=1).astype(np.float32)
 
-    def prepare(self, threads: int) -> None:
-        """Nothing to learn."""
+    def preparation(self, threads: int) -> Iterator[None]:
+        return iter(())  # nothing to learn
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
         codes[:] = ((ids + self.value) % 256).astype(np.uint8)[:, None, None]
@@ -110,6 +112,25 @@ def test_sighted_particles_become_ready_and_nobody_else():
         assert batch.ids.tolist() == [8, 3]
         assert batch.codes.shape == (2, 4, 4)
         assert batch.codes[:, 0, 0].tolist() == [8 + 170, 3 + 170]
+
+
+def test_a_renderer_may_fill_its_list_of_ids_anew():
+    with open_session() as session:
+        found = np.arange(100, dtype=np.int32)
+        session.sighted(found[:5], EYE)
+        found[:] = 99
+        session.wait()
+        assert session.tiles(range(100)).ids.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_widths_go_with_their_ids():
+    with open_session() as session:
+        with pytest.raises(InputError, match="pixels"):
+            session.sighted([1, 2], EYE, pixels=[3.0])
+        session.sighted([7, 3, 7, 5], EYE, pixels=[70.0, 30.0, 70.0, 50.0])
+        (sighting,) = session._cache.sightings.values()
+        assert sighting.ids.tolist() == [3, 5, 7]
+        assert sighting.measure(np.array([3, 7], np.int32))[1].tolist() == [30.0, 70.0]
 
 
 def test_the_nearest_to_the_eye_come_first():
@@ -248,7 +269,7 @@ def test_the_rate_is_over_the_last_seconds():
 
 
 def test_a_view_larger_than_the_budget_is_reported():
-    with open_session(max_bytes=40 * 16) as session:
+    with open_session(max_bytes=bytes_for(40, SPEC.texels, 100)) as session:
         session.sighted(range(100), EYE)
         session.wait()
         status = session.status()

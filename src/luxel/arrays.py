@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from luxel.errors import InputError
 
-__all__ = ["as_ids", "as_points", "as_radii", "as_vector", "first_bad"]
+__all__ = ["as_colors", "as_ids", "as_points", "as_radii", "as_vector", "first_bad"]
 
 
 def first_bad(mask: NDArray[np.bool_]) -> str:
@@ -57,12 +57,42 @@ def as_radii(radii: ArrayLike, count: int, what: str = "radii") -> NDArray[np.fl
     return np.ascontiguousarray(np.broadcast_to(values.reshape(-1), (count,)), dtype=np.float32)
 
 
+def as_colors(colors: ArrayLike, count: int, what: str = "colors") -> NDArray[Any]:
+    """Return sRGB `colors` as (count, 3): uint8, or float32 in [0, 1].
+
+    Raises
+    ------
+    InputError
+        For another shape, whole numbers outside 0..255, other numbers outside 0..1, or NaN.
+    """
+    values = _as_real(colors, what)
+    if values.shape != (count, 3):
+        hint = ""
+        if values.shape == (count, 4):
+            hint = " — leave the alpha channel out: particles are opaque"
+        elif values.shape == (count,):
+            hint = " — one number a particle is a scalar: pass it as color_by, with a colour map"
+        raise InputError(f"{what} must have shape ({count}, 3), got {values.shape}{hint}")
+    whole = values.dtype.kind in "iu"
+    most = 255 if whole else 1
+    with np.errstate(invalid="ignore"):
+        bad = ~np.all((values >= 0) & (values <= most), axis=1)
+    if bad.any():
+        raise InputError(
+            f"{what} must lie in 0..{most}, as {'whole' if whole else 'floating point'} numbers do; they do not in {first_bad(bad)}"
+        )
+    return np.ascontiguousarray(values, dtype=np.uint8 if whole else np.float32)
+
+
 def as_vector(value: ArrayLike, what: str, *, unit: bool = False) -> NDArray[np.float64]:
     """Return three finite numbers as float64 (3,), normalised when `unit`."""
     vector = _as_real(value, what).astype(np.float64).reshape(-1)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise InputError(f"{what} must be three finite numbers, got {value!r}")
     if unit:
+        largest = float(np.abs(vector).max())
+        if largest > 1e150:  # its square would overflow
+            vector = vector / largest
         length = float(np.linalg.norm(vector))
         if length == 0.0:
             raise InputError(f"{what} must not be the zero vector")

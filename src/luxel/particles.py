@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -83,6 +85,8 @@ class Particles:
         (N, 3) float32, positions relative to `origin`: large offsets lose no digits.
     radii
         (N,) float32.
+    radius_scale
+        Factor by which :meth:`scaled` has scaled the radii.
 
     Raises
     ------
@@ -123,6 +127,8 @@ class Particles:
         self.categories: Mapping[str, tuple[str, ...]] = MappingProxyType(dict(categories or {}))
         self.cell = cell
         self.time = None if time is None else float(time)
+        self.radius_scale = 1.0
+        self._base: Particles | None = None
         arrays: list[NDArray[Any]] = [self.local, self.radii, self.origin, *self.scalars.values()]
         for array in arrays:
             array.flags.writeable = False
@@ -199,6 +205,34 @@ class Particles:
                 return self.scalars[base][:, labels.index(component)]
         known = ", ".join(self.names()) or "none at all"
         raise ScalarError(f"no scalar {name!r} — these particles have: {known}")
+
+    @property
+    def unscaled(self) -> Particles:
+        """The particles whose radii :meth:`scaled` scaled; these ones, where it did not."""
+        return self._base or self
+
+    def scaled(self, factor: float) -> Particles:
+        """Return the same particles with all radii `factor` times those of :attr:`unscaled`; arrays are shared.
+
+        Raises
+        ------
+        InputError
+            For a factor that is not positive, or radii that leave the range of float32.
+        """
+        base = self.unscaled
+        if not (math.isfinite(factor) and factor > 0):
+            raise InputError(f"the radius scale must be a positive number, got {factor!r}")
+        if factor == 1:
+            return base
+        made = copy.copy(base)
+        with np.errstate(over="ignore", under="ignore"):
+            radii = base.radii * np.float32(factor)
+        made.radii = as_radii(radii, len(base))
+        made.radii.flags.writeable = False
+        made.radii_source = f"{base.radii_source}, times {factor:g}"
+        made.radius_scale = float(factor)
+        made._base = base
+        return made
 
     def with_radii(self, radii: ArrayLike | None) -> Particles:
         """Return the same particles with other radii; None estimates them from the spacing."""

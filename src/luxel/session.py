@@ -15,15 +15,21 @@ from numpy.typing import ArrayLike, NDArray
 from luxel.arrays import as_ids, as_vector
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.engine import Engine
-from luxel.dynamic.work import CoarseBatch, CoarseListener, Listener, TileBaker, TileBatch
+from luxel.dynamic.entries import ESTIMATE
+from luxel.dynamic.sightings import Ids
+from luxel.dynamic.work import Bakers, CoarseBatch, CoarseListener, Listener, TileBaker, TileBatch
 from luxel.errors import FormatError, FrameError, InputError, SessionClosedError
 from luxel.light.lights import luminance_scale
 from luxel.particles import Particles
+from luxel.scene.hiding import Condition
 from luxel.scene.lights import Light
+from luxel.scene.periodic import parse_axes
+from luxel.scene.saved import Lighting
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker
+from luxel.textures.estimate import EstimateBaker
 from luxel.textures.spec import TextureSpec, light_key
-from luxel.textures.store.reader import Baked
+from luxel.textures.store.reader import Baked, BakedFrame
 from luxel.textures.store.source import StoredBaker
 from luxel.textures.textures import Encoding, TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
@@ -50,6 +56,8 @@ class Status:
         Particles in the frame.
     ready, queued, baking, failed
         How many of them have a texture, wait for one, are being baked, or were given up after errors.
+    refining
+        How many of those that are ready have an estimate and wait for something better.
     evicted
         Textures of any light key given up for room since the session began.
     textures_per_s
@@ -68,6 +76,7 @@ class Status:
     queued: int = 0
     baking: int = 0
     failed: int = 0
+    refining: int = 0
     evicted: int = 0
     textures_per_s: float = 0.0
     over_budget: int = 0
@@ -97,8 +106,12 @@ class Session:
         lights, model, albedo, ao_distance, periodic and spec are the store's.
     frame
         Which time step; None means the first with particles.
-    lights, model, albedo, ao_distance, periodic
+    lights, model, albedo, ao_distance, periodic, hide
         See :class:`luxel.Scene`.
+    radius_scale
+        Factor on all radii.
+    lighting
+        All of the above in one, instead.
     spec
         How textures are made.
     view
@@ -107,6 +120,11 @@ class Session:
         Baking threads; None means one a core, 0 none: :meth:`run_for` does the work.
     max_bytes
         Budget of the texture cache.
+    estimates
+        Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) come before those of `spec`. Only for clients that keep
+        sighting what has no more than an estimate.
+    small_pixels
+        With estimates: a particle narrower than this on every screen, as far as clients tell, gets nothing better. 0 for none.
     clock
         Seconds, never going backwards.
     make_baker
@@ -135,10 +153,15 @@ class Session:
         albedo: float = 0.7,
         ao_distance: float | None = None,
         periodic: str | Sequence[bool] = "",
+        hide: Condition | Sequence[Condition] = (),
+        radius_scale: float = 1.0,
+        lighting: Lighting | None = None,
         spec: TextureSpec | None = None,
         view: View | None = None,
         threads: int | None = None,
         max_bytes: int = 256 << 20,
+        estimates: bool = False,
+        small_pixels: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
         make_baker: MakeBaker | None = None,
     ) -> None:
@@ -151,11 +174,12 @@ class Session:
         self._make_baker = Baker if make_baker is None else make_baker
         self._lock = threading.RLock()
         self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping)
-        self._engine = Engine(self._cache, threads=self._thread_count, clock=clock)
+        self._estimates = estimates
+        self._engine = Engine(self._cache, threads=self._thread_count, clock=clock, small_pixels=small_pixels)
         self._closed = False
         self.series: Sequence[Particles]
         if isinstance(series, Scene):
-            self.series, scene = (series.particles,), series
+            self.series, scene = (series.particles.unscaled,), series
             frame = self._check_frame(frame or 0)
         elif isinstance(series, Baked):
             self.series = series.series
@@ -164,7 +188,10 @@ class Session:
         else:
             self.series = (series,) if isinstance(series, Particles) else series
             frame = self._check_frame(_first_frame(self.series) if frame is None else frame)
-            scene = Scene(self.series[frame], lights, model, albedo, ao_distance, periodic)
+            if lighting is None:
+                axes = parse_axes(periodic)
+                lighting = Lighting(model, lights, albedo, ao_distance, axes, 8, hide, radius_scale)
+            scene = lighting.scene(self.series[frame])
         self._lit = self._light(frame, scene)
 
     @property
@@ -193,6 +220,11 @@ class Session:
         return self._lit.scale
 
     @property
+    def stored(self) -> BakedFrame | None:
+        """The stored frame whose textures are shown; None where light is computed."""
+        return None if self._baked is None else self._baked[self._lit.frame]
+
+    @property
     def encoding(self) -> Encoding:
         """How codes become luminance."""
         return self.spec.encoding
@@ -202,7 +234,14 @@ class Session:
         """The session's textures for renderers: a :class:`luxel.textures.textures.TextureSource`."""
         return SessionTextures(self)
 
-    def sighted(self, ids: ArrayLike, eye: ArrayLike, client: str = "", key: str | None = None) -> None:
+    def sighted(
+        self,
+        ids: ArrayLike,
+        eye: ArrayLike,
+        client: str = "",
+        key: str | None = None,
+        pixels: ArrayLike | None = None,
+    ) -> None:
         """Note which particles a client sees now, and queue those without a texture. Cheap; call it once a frame.
 
         Parameters
@@ -215,21 +254,33 @@ class Session:
             Any name; see :meth:`forget`.
         key
             The light key that the client shows, if it may be behind; then nothing happens.
+        pixels
+            (K,) how wide they are on the screen, in pixels, beside `ids`; None if nobody knows.
 
         Raises
         ------
         InputError
-            For ids outside the frame, or an eye that is not three finite numbers.
+            For ids outside the frame, an eye that is not three finite numbers, or another number of widths.
         """
         self._check_open()
         lit = self._lit
         if (key is not None and key != lit.key) or lit.scene.model == "lambertian":
             return
-        visible = np.unique(as_ids(np.asarray(ids), len(lit.scene.particles)))
+        visible = as_ids(np.asarray(ids), len(lit.scene.particles))
+        width = None if pixels is None else np.array(pixels, dtype=np.float32)
+        if width is not None and width.shape != visible.shape:
+            raise InputError(f"pixels must have shape {visible.shape} as ids have, got {width.shape}")
+        if (visible[1:] > visible[:-1]).all():
+            visible = visible.copy()  # the caller may fill its own anew for the next frame
+        else:
+            order = np.argsort(visible, kind="stable")
+            visible = visible[order]
+            order = order[np.concatenate([[True], visible[1:] > visible[:-1]])]
+            visible = visible[np.concatenate([[True], visible[1:] > visible[:-1]])]
+            width = None if width is None else width[order]
         spheres = SphereSet.of(lit.scene.particles)
-        from_eye = spheres.centers[visible] - spheres.to_unit(as_vector(eye, "eye"))
-        distance = np.sqrt(np.einsum("ij,ij->i", from_eye, from_eye)) / lit.diagonal
-        self._engine.request(lit.key, visible, distance, client)
+        at = spheres.to_unit(as_vector(eye, "eye"))
+        self._engine.request(lit.key, visible, _Look(spheres, at, lit.diagonal, visible, width), client)
 
     def tiles(self, ids: ArrayLike, key: str | None = None) -> TileBatch:
         """Return the finished textures among `ids`, under the current light key or another that is still cached."""
@@ -238,8 +289,8 @@ class Session:
         key = lit.key if key is None else key
         count = self._cache.particle_count(key)
         wanted = as_ids(np.asarray(ids) if count else [], count)
-        ready, codes = self._cache.lookup(key, wanted)
-        return TileBatch(key, wanted[ready], codes, stale=key != lit.key)
+        ready, codes, grades = self._cache.lookup(key, wanted)
+        return TileBatch(key, wanted[ready], codes, grades == ESTIMATE, stale=key != lit.key)
 
     def first_light(self, ids: ArrayLike, key: str | None = None) -> CoarseBatch:
         """Return the coarse records that there are among `ids`, under the current light key; none for another."""
@@ -265,6 +316,8 @@ class Session:
         lights: Sequence[Light] | None = None,
         albedo: float | None = None,
         ao_distance: float | EllipsisType | None = ...,
+        hide: Condition | Sequence[Condition] | None = None,
+        radius_scale: float | None = None,
     ) -> str:
         """Change the light; return the new light key. What is not given stays.
 
@@ -279,13 +332,49 @@ class Session:
             raise InputError(
                 f"the light of {self._baked.path} is baked in — bake again with another, or open the particle file"
             )
-        changes: dict[str, Any] = {"model": model, "lights": lights, "albedo": albedo}
+        changes: dict[str, Any] = {"model": model, "lights": lights, "albedo": albedo, "hide": hide}
         changes = {name: value for name, value in changes.items() if value is not None}
         if ao_distance is not ...:
             changes["ao_distance"] = ao_distance
         with self._lock:
             self._check_open()
+            if radius_scale is not None:
+                changes["particles"] = self.particles.scaled(radius_scale)
             self._lit = self._light(self._lit.frame, self._lit.scene.with_changes(**changes))
+            return self._lit.key
+
+    @property
+    def light_fixed(self) -> bool:
+        """Whether the light is baked in, so that :meth:`relight` refuses to change it."""
+        return self._baked is not None
+
+    def restore(self, light: Lighting | None, frame: int | None = None) -> str:
+        """Show what a saved view says: both at once, or nothing if one of them cannot be; return the light key.
+
+        Parameters
+        ----------
+        light
+            None keeps the current one, as does a baked light.
+        frame
+            None keeps the current one.
+
+        Raises
+        ------
+        FrameError
+            If there is no such frame.
+        InputError
+            For a light that a scene does not take.
+        """
+        with self._lock:
+            self._check_open()
+            k = self._lit.frame if frame is None else self._check_frame(frame)
+            now = self._lit.scene
+            particles = now.particles.unscaled if k == self._lit.frame else self.series[k]
+            if self._baked is not None:
+                scene = now.with_changes(particles=particles)
+            else:
+                scene = (Lighting.of(now) if light is None else light).scene(particles)
+            self._lit = self._light(k, scene)
             return self._lit.key
 
     def set_frame(self, k: int) -> str:
@@ -302,17 +391,20 @@ class Session:
             self._check_open()
             k = self._check_frame(k)
             if k != self._lit.frame:
-                self._lit = self._light(k, self._lit.scene.with_changes(particles=self.series[k]))
+                particles = self.series[k].scaled(self.particles.radius_scale)
+                self._lit = self._light(k, self._lit.scene.with_changes(particles=particles))
             return self._lit.key
 
     def status(self) -> Status:
         """Return what the session is doing."""
         lit = self._lit
+        self._engine.settle()
         counts = self._cache.counts(lit.key)
         return Status(
             key=lit.key,
             particles=len(lit.scene.particles),
-            ready=counts.ready,
+            ready=counts.ready + counts.refining,
+            refining=counts.refining,
             queued=counts.queued,
             baking=counts.baking,
             failed=counts.failed,
@@ -368,15 +460,34 @@ class Session:
                 remedy="bake it again",
             )
         self._engine.select(
-            key, len(scene.particles), scale, self.spec.encoding, lambda: self._baker(frame, scene)
+            key, len(scene.particles), scale, self.spec.encoding, lambda: self._bakers(frame, scene)
         )
         low, high = SphereSet.of(scene.particles).bounds()
         return _Lit(frame, scene, key, scale, float(np.linalg.norm(high - low)))
 
-    def _baker(self, frame: int, scene: Scene) -> TileBaker:
+    def _bakers(self, frame: int, scene: Scene) -> Bakers:
         if self._baked is not None:
-            return StoredBaker(self._baked[frame])
-        return self._make_baker(scene, self.spec)
+            return Bakers(StoredBaker(self._baked[frame]))
+        baker = self._make_baker(scene, self.spec)
+        return Bakers(baker, EstimateBaker(baker) if self._estimates and isinstance(baker, Baker) else None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """Measures how far and how large particles are; a :data:`luxel.dynamic.sightings.Measure`."""
+
+    spheres: SphereSet
+    eye: NDArray[np.float64]  # normalised units
+    diagonal: float
+    visible: Ids  # ascending
+    pixels: NDArray[np.float32] | None  # beside `visible`
+
+    def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], NDArray[np.floating] | None]:
+        away = self.spheres.centers.take(ids, axis=0) - self.eye
+        distance = np.sqrt((away * away).sum(axis=1)) / self.diagonal
+        if self.pixels is None:
+            return distance, None
+        return distance, self.pixels[np.searchsorted(self.visible, ids)]
 
 
 class SessionTextures:

@@ -44,37 +44,108 @@ def find() -> str | None:
     return os.environ.get("LUXEL_CHROMIUM") or next(filter(None, map(shutil.which, _NAMES)), None)
 
 
-class Page:
-    """One tab in a browser of its own.
+class Browser:
+    """A headless Chromium with a profile of its own."""
 
-    `messages` collects what the page wrote to its console and exceptions it did not catch.
-    """
-
-    def __init__(self, url: str, size: tuple[int, int], *, dark: bool = True) -> None:
+    def __init__(self) -> None:
         program = find()
         if program is None:
             raise FileNotFoundError("no Chromium found; set LUXEL_CHROMIUM")
         self._profile = tempfile.mkdtemp(prefix="luxel-chromium-")
-        self.messages: list[str] = []
-        self._numbers = itertools.count(1)
-        self._process = subprocess.Popen(
-            [
-                program,
-                *_FLAGS,
-                f"--user-data-dir={self._profile}",
-                f"--window-size={size[0]},{size[1]}",
-                "about:blank",
-            ],
+        self.process = subprocess.Popen(
+            [program, *_FLAGS, f"--user-data-dir={self._profile}", "about:blank"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
         try:
+            self._root = f"http://127.0.0.1:{self._port()}/json"
+            while not any(each["type"] == "page" for each in self._ask("list")):
+                time.sleep(0.05)  # another process's start: nothing to wait on
+            version = self._ask("version")
             self._socket = websocket.create_connection(
-                self._debugger(), timeout=60, enable_multithread=False, suppress_origin=True, max_size=None
+                version["webSocketDebuggerUrl"], timeout=60, suppress_origin=True
             )
-            self.call("Page.enable")
-            self.call("Runtime.enable")
-            self.call("Log.enable")
+        except BaseException:
+            self.close()
+            raise
+
+    def tab(self) -> tuple[str, Callable[[], None]]:
+        """Open a tab; return the address of its DevTools socket, and what closes it."""
+        # A window of its own, or the browser puts all tabs but one to sleep.
+        made = self._call("Target.createTarget", url="about:blank", newWindow=True)["targetId"]
+        found = next(each for each in self._ask("list") if each["id"] == made)
+        return str(found["webSocketDebuggerUrl"]), lambda: self._ask(f"close/{made}")
+
+    def close(self) -> None:
+        """End the browser and remove its profile."""
+        with contextlib.suppress(AttributeError, OSError, websocket.WebSocketException):
+            self._socket.close()
+        self.process.terminate()
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        shutil.rmtree(self._profile, ignore_errors=True)
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _ask(self, what: str) -> Any:
+        with urllib.request.urlopen(f"{self._root}/{what}", timeout=10) as answer:
+            text = answer.read()
+        return json.loads(text) if text.startswith((b"{", b"[")) else None
+
+    def _call(self, method: str, **params: Any) -> Any:
+        self._socket.send(json.dumps({"id": 1, "method": method, "params": params}))
+        while True:
+            answer = json.loads(self._socket.recv())
+            if answer.get("id") == 1:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']['message']}")
+                return answer["result"]
+
+    def _port(self) -> str:
+        """Port of its DevTools; the browser writes it to a file once it listens."""
+        port_file = Path(self._profile) / "DevToolsActivePort"
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            if self.process.poll() is not None:
+                raise RuntimeError(f"Chromium ended at once with code {self.process.returncode}")
+            text = port_file.read_text().split() if port_file.exists() else []
+            if text:
+                return text[0]
+            time.sleep(0.05)  # another process's start: nothing to wait on
+        raise TimeoutError("Chromium did not open its DevTools port")
+
+
+class Page:
+    """One tab, of `browser` or else in a browser of its own.
+
+    `messages` collects what the page wrote to its console and exceptions it did not catch; `requests` the addresses
+    that it asked for, once the test has called ``Network.enable``.
+    """
+
+    def __init__(
+        self, url: str, size: tuple[int, int], *, dark: bool = True, browser: Browser | None = None
+    ) -> None:
+        self.browser = browser or Browser()
+        self._owned = browser is None
+        self.messages: list[str] = []
+        self.requests: list[str] = []
+        self._numbers = itertools.count(1)
+        try:
+            address, self._end = self.browser.tab()
+            self._socket = websocket.create_connection(
+                address, timeout=60, enable_multithread=False, suppress_origin=True, max_size=None
+            )
+            for domain in ("Page", "Runtime", "Log"):
+                self.call(f"{domain}.enable")
             self.call(
                 "Emulation.setDeviceMetricsOverride",
                 width=size[0],
@@ -142,17 +213,37 @@ class Page:
             )
         self._mouse("mouseReleased", end, 0)
 
+    def click(self, at: tuple[float, float]) -> None:
+        """Click with the left mouse button."""
+        self._mouse("mousePressed", at, 1)
+        self._mouse("mouseReleased", at, 0)
+
+    def press(self, key: str, *, shift: bool = False) -> None:
+        """Press and release a key, named as in a KeyboardEvent, where the focus is."""
+        code = {
+            "Tab": 9,
+            "Enter": 13,
+            "Escape": 27,
+            " ": 32,
+            "ArrowLeft": 37,
+            "ArrowUp": 38,
+            "ArrowRight": 39,
+        }
+        code["ArrowDown"] = 40
+        what = {"key": key, "modifiers": 8 if shift else 0, "windowsVirtualKeyCode": code.get(key, 0)}
+        text = {"Enter": "\r"}.get(key, key if len(key) == 1 else "")
+        self.call("Input.dispatchKeyEvent", type="keyDown", **what, **({"text": text} if text else {}))
+        self.call("Input.dispatchKeyEvent", type="keyUp", **what)
+
     def close(self) -> None:
-        """End the browser and remove its profile."""
+        """Close the tab, and its browser if it has one of its own."""
         with contextlib.suppress(AttributeError, OSError, websocket.WebSocketException):
             self._socket.close()
-        self._process.terminate()
-        try:
-            self._process.wait(10)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        shutil.rmtree(self._profile, ignore_errors=True)
+        if self._owned:
+            self.browser.close()
+        else:
+            with contextlib.suppress(AttributeError, OSError):
+                self._end()
 
     def __enter__(self) -> Page:
         return self
@@ -183,20 +274,10 @@ class Page:
             case "Runtime.consoleAPICalled":
                 self.messages.append(" ".join(str(each.get("value")) for each in params["args"]))
             case "Log.entryAdded":
-                self.messages.append(params["entry"]["text"])
-
-    def _debugger(self) -> str:
-        """Address of the first tab's DevTools socket; the browser writes its port to a file once it listens."""
-        port_file = Path(self._profile) / "DevToolsActivePort"
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
-            if self._process.poll() is not None:
-                raise RuntimeError(f"Chromium ended at once with code {self._process.returncode}")
-            text = port_file.read_text().split() if port_file.exists() else []
-            if text:
-                with urllib.request.urlopen(f"http://127.0.0.1:{text[0]}/json/list", timeout=10) as answer:
-                    pages = [each for each in json.load(answer) if each["type"] == "page"]
-                if pages:
-                    return str(pages[0]["webSocketDebuggerUrl"])
-            time.sleep(0.05)  # another process's start: nothing to wait on
-        raise TimeoutError("Chromium did not open its DevTools port")
+                text = params["entry"]["text"]
+                if (
+                    "performance warning" not in text and "too many errors" not in text
+                ):  # of drawing by software
+                    self.messages.append(text)
+            case "Network.requestWillBeSent":
+                self.requests.append(params["request"]["url"])

@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
-import base64
 import os
 import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import luxel
-from luxel import render
 from luxel.app.viewer import Viewer, view
 from luxel.scene.scene import Scene
 from luxel.session import Session
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec
-from tests.app.chromium import Page, find
+from tests.app.chromium import Browser, Page
+from tests.app.pictures import WAIT_S, agree, choose, settle
 from tests.conftest import shared_data
 
 pytestmark = [pytest.mark.browser, pytest.mark.shared_data]
 
 WINDOW = (420, 300)
-WAIT_S = 120.0  # only ever waited for when a test is about to fail
 
 
 # Hold the light back until the page knows all that it sees, and textures until it has shown their first light.
@@ -59,12 +55,8 @@ def viewer() -> Iterator[Viewer]:
 
 
 @pytest.fixture(scope="module")
-def page(viewer: Viewer, request: pytest.FixtureRequest) -> Iterator[Page]:
-    if find() is None:
-        if os.environ.get("LUXEL_NO_SKIP") == "1":
-            pytest.fail("no Chromium found; set LUXEL_CHROMIUM")
-        pytest.skip("no Chromium found")
-    with Page(viewer.url, WINDOW) as opened:
+def page(viewer: Viewer, browser: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
+    with Page(viewer.url, WINDOW, browser=browser) as opened:
         opened.wait("window.luxel && document.getElementById('fold').click() === undefined", WAIT_S)
         failed_before = request.session.testsfailed
         yield opened
@@ -72,64 +64,6 @@ def page(viewer: Viewer, request: pytest.FixtureRequest) -> Iterator[Page]:
             folder = Path(os.environ.get("LUXEL_PICTURES", tempfile.gettempdir()))
             saved = opened.screenshot(folder / "luxel-browser-failure.png")
             print(f"screenshot: {saved}; the page said: {opened.messages}")  # noqa: T201
-
-
-def settle(page: Page, *, fully: bool = False) -> dict[str, Any]:
-    """Wait until all that the middles of pixels show is known and lit; return the page's state.
-
-    Fully: also what only shows between them, so that nothing is left to ask for.
-    """
-    known = "settled" if fully else "known"
-    page.wait(
-        f"window.luxel && (s => s.{known} && s.visible > 0 && s.ready === s.visible)(luxel.state())", WAIT_S
-    )
-    return page.run("luxel.state()")
-
-
-def capture(page: Page) -> tuple[np.ndarray, np.ndarray]:
-    """The page's picture (H, W, 3) uint8 and ids (H, W) int32, one ray through the middle of every pixel."""
-    found = page.run("luxel.capture()")
-    shape = (found["height"], found["width"])
-    pixels = np.frombuffer(base64.b64decode(found["pixels"]), np.uint8).reshape(*shape, 4)
-    ids = np.frombuffer(base64.b64decode(found["ids"]), np.int32).reshape(shape)
-    return pixels[::-1, :, :3], ids[::-1]
-
-
-def choose(page: Page, control: str, value: str, event: str = "change") -> None:
-    page.run(
-        f"(() => {{ const c = document.getElementById({control!r}); c.value = {value!r};"
-        f" c.dispatchEvent(new Event({event!r})); }})()"
-    )
-
-
-def agree(page: Page, viewer: Viewer, look: luxel.View, what: str) -> None:
-    """The page and the ray tracer draw the same picture, from the page's camera and the session's textures."""
-    pixels, ids = capture(page)
-    camera = luxel.Camera(**page.run("luxel.camera()"))
-    session = viewer.session
-    height, width = ids.shape
-    picture = render(
-        session.scene,
-        look.with_changes(camera=camera),
-        session.source,
-        (width, height),
-        antialias=1,
-        colorbar=False,
-        key=session.key,
-    )
-    folder = Path(os.environ.get("LUXEL_PICTURES", tempfile.gettempdir()))
-    try:
-        covered = (ids >= 0) | (picture.ids >= 0)
-        assert covered.mean() > 0.1
-        same = (ids == picture.ids) & covered
-        assert same.sum() >= 0.99 * covered.sum()
-        difference = np.abs(pixels.astype(int) - picture.pixels[..., :3].astype(int))[same]
-        assert difference.mean() <= 2.0
-        assert (difference.max(axis=1) > 12).mean() < 0.01
-    except AssertionError:
-        Image.fromarray(np.ascontiguousarray(pixels)).save(folder / f"luxel-{what}-page.png")
-        picture.save(folder / f"luxel-{what}-ray-tracer.png")
-        raise
 
 
 LOOK = luxel.View(color_by="velocity_magnitude", colormap="plasma")
@@ -236,7 +170,7 @@ def test_page_reports_no_errors(page: Page) -> None:
     assert [text for text in page.messages if "performance warning" not in text] == []
 
 
-def test_octahedral_textures_agree() -> None:
+def test_octahedral_textures_agree(browser: Browser) -> None:
     # Few large spheres, so that every part of the map shows, its edges and corners included.
     positions = np.random.default_rng(4).uniform(-1, 1, (60, 3))
     scene = luxel.Scene(luxel.Particles(positions, 0.25), model="shadows")
@@ -246,7 +180,7 @@ def test_octahedral_textures_agree() -> None:
     with (
         Session(scene, spec=spec, view=look, threads=2) as session,
         view(session, block=False, open_browser=False, announce=lambda url: None) as opened,
-        Page(opened.url, WINDOW) as page,
+        Page(opened.url, WINDOW, browser=browser) as page,
     ):
         settle(page)
         agree(page, opened, look, "octahedral")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import struct
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from luxel.app import protocol
+from luxel.app.baked import PartFeed, part_size
 from luxel.app.feed import Feed
 from luxel.errors import ProtocolError
 
@@ -19,9 +21,13 @@ IDS = np.array([3, 1, 4], np.int32)
 FROM_PAGE = [
     protocol.Hello("ANGLE"),
     protocol.Sighted("ab12", IDS, (0.5, -1.0, 2.0)),
-    protocol.Confirm(7, 2),
+    protocol.Confirm(7, 2, 5),
     protocol.SetLight("ao", 0.5, 1.25, (195.0, 50.0, 2.0, 15.0)),
     protocol.SetLight(sky=0.0),
+    protocol.SetLight(up="y", hide=[{"kind": "cut", "normal": [1, 0, 0], "offset": 2}], radius_scale=1.5),
+    protocol.SetView({"exposure": 2}),
+    protocol.LoadView({"luxel_view": 1}),
+    protocol.Inspect(7),
     protocol.SetFrame(3),
     protocol.ScalarRequest("velocity.x"),
     protocol.ColormapRequest("viridis"),
@@ -34,8 +40,27 @@ FROM_SERVER = [
     protocol.Tiles("ab12", IDS, np.arange(3 * 16, dtype=np.uint8).reshape(3, 4, 4)),
     protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
     protocol.Error("no such scalar"),
+    protocol.ViewState({"exposure": 2}),
+    protocol.ParticleState(1, 7, "1, 2, 3", "0.5", [("T", "300")]),
     protocol.Coarse("ab12", IDS, np.arange(12, dtype=np.float16).reshape(3, 4)),
+    protocol.CodecState(
+        "ab12",
+        {"kind": "pca", "texels": 4, "components": 3, "shift": 11},
+        2048,
+        3,
+        2048,
+        np.linspace(0, 1, 256, dtype=np.float32),
+        offset=np.arange(16, dtype=np.int32),
+        basis=np.arange(48, dtype=np.int16).reshape(16, 3),
+        count=np.array([3], np.uint16),
+        center=np.array([[-1]], np.int8),
+    ),
+    protocol.Payload("ab12", 2048, np.arange(6, dtype=np.uint8).reshape(2, 3)),
 ]
+
+
+def test_every_message_of_a_page_is_tried_here() -> None:
+    assert {type(message) for message in FROM_PAGE} == set(get_args(protocol.ClientMessage))
 
 
 def same(a: protocol.Message, b: protocol.Message) -> None:
@@ -240,3 +265,39 @@ def test_feed_forgets_what_an_old_light_wanted() -> None:
     feed.reset(4)
     assert not feed.publish(np.arange(5, 10, dtype=np.int32))
     assert drain(feed) == []
+
+
+def test_parts_with_most_visible_particles_come_first() -> None:
+    feed = PartFeed()
+    feed.reset(95, 10)
+    feed.want(np.array([94, 42, 41, 5, 43], np.int32))
+    assert [feed.take() for _ in range(5)] == [4, 0, 9, 1, None]  # four messages at most are on their way
+    feed.confirm(2)
+    feed.want(np.array([71], np.int32))
+    assert [feed.take() for _ in range(3)] == [7, 2, None]
+    feed.confirm(99)  # no page can have more than it was sent
+    assert [feed.take() for _ in range(4)] == [3, 5, 6, 8]
+    feed.confirm(10)
+    assert feed.take() is None
+
+
+def test_parts_on_their_way_count_against_the_next_frame() -> None:
+    feed = PartFeed()
+    feed.reset(50, 10)
+    assert [feed.take() for _ in range(3)] == [0, 1, 2]
+    feed.reset(20, 10)
+    assert [feed.take() for _ in range(2)] == [0, None]
+    feed.confirm(1)
+    assert [feed.take() for _ in range(2)] == [1, None]
+    feed.reset()
+    feed.want(np.array([3], np.int32))
+    assert feed.take() is None
+
+
+@pytest.mark.parametrize("count", [1, 2048, 10**6, 10**7])
+@pytest.mark.parametrize("size", [1, 8, 17, 256, 4096])
+def test_part_sizes_suit_the_pages_textures(count: int, size: int) -> None:
+    part = part_size(count, size)
+    assert part % 2048 == 0
+    assert -(-count // part) <= 1024
+    assert part == 2048 or part * size <= 1 << 20 or count > 2 * 10**6

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import http.client
+import json
 import socket
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -15,12 +17,22 @@ import websocket
 
 import luxel
 from luxel.app import protocol
-from luxel.app.server import CLIENT_FOLDER, CLOSE_BAD_MESSAGE, CLOSE_UNAUTHORISED, CLOSE_WRONG_VERSION
+from luxel.app.limits import PAGES_MAX
+from luxel.app.server import (
+    CLIENT_FOLDER,
+    CLOSE_BAD_MESSAGE,
+    CLOSE_TOO_MANY,
+    CLOSE_UNAUTHORISED,
+    CLOSE_WRONG_VERSION,
+)
 from luxel.app.viewer import Viewer, view
 from luxel.errors import InputError
 from luxel.scene.lights import Sky, SphereLight, Sun, sun_direction
 from luxel.session import Session
+from luxel.textures.codecs import restore
 from luxel.textures.spec import TextureSpec
+from luxel.textures.store.bake import bake_to
+from luxel.textures.store.layout import CodecChoice
 from luxel.trace.spheres import SphereSet
 from tests.scenes import cloud
 
@@ -35,8 +47,8 @@ class InstantBaker:
     def first_light(self, ids: np.ndarray) -> np.ndarray:
         return np.repeat(ids[:, None] % 251, 4, axis=1).astype(np.float32)
 
-    def prepare(self, threads: int) -> None:
-        """Nothing to learn."""
+    def preparation(self, threads: int) -> Iterator[None]:
+        return iter(())  # nothing to learn
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
         codes[:] = (ids % 251).astype(np.uint8)[:, None, None]
@@ -88,6 +100,10 @@ class Client:
                 return self.heard[-1]
         raise TimeoutError(f"no {kind.__name__} within {GUARD_S:g} s; heard {self.heard[-5:]}")
 
+    def last(self, kind: type[protocol.Message]) -> Any:
+        """The newest message of a kind so far."""
+        return next(each for each in reversed(self.heard) if isinstance(each, kind))
+
     def closed(self) -> tuple[int, str]:
         """Wait for the close frame; return its code and reason."""
         while True:
@@ -114,7 +130,7 @@ def token_path(viewer: Viewer) -> str:
 
 
 def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
-    for path in ("/", "/?token=guess", "/client/main.js", "/favicon.ico", "/nothing"):
+    for path in ("/", "/?token=guess", "/client/page.js", "/favicon.ico", "/nothing"):
         response, text = get(viewer, path)
         assert response.status == 403
         assert "token" in text
@@ -129,7 +145,7 @@ def test_page_and_modules_need_the_token(viewer: Viewer) -> None:
         response, text = get(viewer, f"/client/{each.name}", Cookie=given)
         assert response.status == 200, each.name
         assert text == each.read_text()
-    assert get(viewer, "/client/main.js", Cookie=given[:-2])[0].status == 403
+    assert get(viewer, "/client/page.js", Cookie=given[:-2])[0].status == 403
 
 
 def test_nothing_outside_the_folder_is_served(viewer: Viewer) -> None:
@@ -188,7 +204,7 @@ def test_bad_messages_close_that_socket_only(viewer: Viewer) -> None:
     for say, hello in [
         (lambda c: c.socket.send("text"), True),
         (lambda c: c.socket.send_binary(b"\0" * 12), True),
-        (lambda c: c.send(protocol.Confirm(0, 0)), False),
+        (lambda c: c.send(protocol.Confirm(0, 0, 0)), False),
         (lambda c: c.send(bad_ids), True),
     ]:
         client = Client(viewer, hello=hello)
@@ -198,6 +214,26 @@ def test_bad_messages_close_that_socket_only(viewer: Viewer) -> None:
         assert reason
     good.send(protocol.ScalarRequest("value"))
     assert good.next(protocol.Scalar).name == "value"
+
+
+def test_more_pages_than_allowed_are_refused_and_the_others_stay(viewer: Viewer) -> None:
+    clients = [Client(viewer) for _ in range(PAGES_MAX)]
+    for client in clients:
+        client.next(protocol.SceneState)
+    code, reason = Client(viewer, hello=False).closed()
+    assert code == CLOSE_TOO_MANY
+    assert str(PAGES_MAX) in reason
+    clients.pop().socket.close()
+    clients[0].send(protocol.ColormapRequest("gray"))
+    clients[0].next(protocol.Colormap)
+
+
+def test_serving_beyond_this_machine_is_warned_about(caplog: pytest.LogCaptureFixture) -> None:
+    with view(cloud(5), host="0.0.0.0", block=False, open_browser=False, announce=lambda url: None):
+        assert "without encryption" in caplog.text
+    caplog.clear()
+    with view(cloud(5), block=False, open_browser=False, announce=lambda url: None):
+        assert not caplog.text
 
 
 def test_page_is_told_the_scene(viewer: Viewer) -> None:
@@ -213,8 +249,7 @@ def test_page_is_told_the_scene(viewer: Viewer) -> None:
     np.testing.assert_array_equal(part.positions, spheres.centers)
     np.testing.assert_array_equal(part.radii, spheres.radii)
     assert light.key == session.key
-    assert light.controls["azimuth"] == pytest.approx(195.0)
-    assert light.controls["elevation"] == pytest.approx(50.0)
+    assert light.lighting == json.loads(json.dumps(luxel.Lighting.of(viewer.session.scene).to_json()))
     np.testing.assert_allclose(light.decoding[[0, 255]], [0.0, session.scale])
 
 
@@ -279,7 +314,7 @@ def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
     confirmed = 0
     while sent < COUNT:
         confirmed += 1
-        client.send(protocol.Confirm(confirmed, 1))
+        client.send(protocol.Confirm(confirmed, 1, 0))
         sent += len(client.next(protocol.Tiles).ids)
     assert sent == COUNT
 
@@ -305,6 +340,13 @@ def test_scalars_and_colormaps_come_on_request(viewer: Viewer) -> None:
         protocol.SetLight(sun=(0.0, 91.0, 1.0, 15.0)),
         protocol.SetLight(sky=-1.0),
         protocol.SetLight(),
+        protocol.SetLight(hide=[{"kind": "cut"}]),
+        protocol.SetLight(hide=[{"kind": "select", "scalar": "strain"}]),
+        protocol.SetLight(radius_scale=0.0),
+        protocol.SetLight(sky=1.0, up="w"),
+        protocol.SetLight(sun=(0.0, 1.0, 1.0, 1.0), up="w"),
+        protocol.SetView({"exposure": -1}),
+        protocol.SetView({"hide": [[]]}),
     ],
 )
 def test_wishes_that_cannot_be_granted_are_explained(viewer: Viewer, message: protocol.Message) -> None:
@@ -323,13 +365,10 @@ def test_change_of_light_reaches_all_pages(viewer: Viewer) -> None:
     for client in (first, second):
         after = client.next(protocol.LightState)
         assert after.key == viewer.session.key != before.key
-        assert after.controls == {
-            "sky": 0.5,
-            "azimuth": 30.0,
-            "elevation": 20.0,
-            "sun": 3.0,
-            "diameter": 10.0,
-        }
+        sky, sun = after.lighting["lights"]
+        assert sky["level"] == 0.5
+        assert (sun["level"], sun["angular_diameter"]) == (3.0, 10.0)
+        np.testing.assert_allclose(sun["direction"], sun_direction(30.0, 20.0))
     # A sighting under the old light crossed the change: nothing comes of it.
     first.send(protocol.Sighted(before.key, np.arange(5, dtype=np.int32), (0, 0, 5)))
     first.send(protocol.Sighted(after.key, np.array([7], np.int32), (0, 0, 5)))
@@ -374,18 +413,95 @@ def test_changes_made_in_python_reach_the_page(viewer: Viewer) -> None:
     assert light.key != key
 
 
-def test_view_camera_is_sent_in_normalised_units() -> None:
+def test_view_is_sent_as_it_is() -> None:
     particles = cloud(50)
-    camera = luxel.Camera((3.0, 2.0, 1.0), (0.5, 0.5, 0.5), height=2.0)
-    session = Session(particles, threads=1, make_baker=lambda scene, spec: InstantBaker())
-    opened = view(
-        session, luxel.View(camera=camera), block=False, open_browser=False, announce=lambda url: None
+    look = luxel.View(
+        camera=luxel.Camera((3.0, 2.0, 1.0), (0.5, 0.5, 0.5), height=2.0), hide=luxel.Cut("x", 0.5)
     )
+    session = Session(particles, threads=1, make_baker=lambda scene, spec: InstantBaker())
+    opened = view(session, look, block=False, open_browser=False, announce=lambda url: None)
     with session, opened:
-        sent = Client(opened).next(protocol.SceneState).view["camera"]
-    spheres = SphereSet.of(particles)
-    np.testing.assert_allclose(spheres.center + spheres.unit * np.array(sent["eye"]), [3, 2, 1])
-    assert sent["height"] * spheres.unit == pytest.approx(2.0)
+        sent = Client(opened).next(protocol.SceneState)
+    assert sent.view == json.loads(json.dumps(look.to_json()))
+    assert not sent.light_fixed
+
+
+def test_hidden_from_light_and_radii_change_it_for_all_pages(viewer: Viewer) -> None:
+    first, second = Client(viewer), Client(viewer)
+    epoch = first.next(protocol.SceneState).epoch
+    second.next(protocol.LightState)
+    cut = luxel.Cut("x", 0.5)
+    first.send(protocol.SetLight(hide=[cut.to_json()]))
+    first.send(protocol.SetLight(radius_scale=1.5))
+    for client in (first, second):
+        while (light := client.next(protocol.LightState)).lighting["radius_scale"] == 1:
+            pass
+        assert light.lighting["hide"] == [json.loads(json.dumps(cut.to_json()))]
+        assert light.key == viewer.session.key
+    assert viewer.session.scene.conditions == (cut,)
+    # Positions and radii stay what they were: the page scales and hides.
+    client = Client(viewer)
+    assert client.next(protocol.SceneState).epoch == epoch
+    part = client.next(protocol.Geometry)
+    np.testing.assert_array_equal(part.radii, SphereSet.of(viewer.session.particles.unscaled).radii)
+    viewer.session.set_frame(1)
+    assert len(viewer.session.particles) == COUNT // 2
+    assert viewer.session.particles.radius_scale == 1.5
+
+
+def test_a_page_of_another_up_axis_turns_sun_and_sky(viewer: Viewer) -> None:
+    viewer.session.relight(lights=(Sky(1.0, ground=0.5), Sun((0, 0, 1))))
+    client = Client(viewer)
+    client.next(protocol.LightState)
+    client.send(protocol.SetLight(sky=1.0, sun=(0.0, 90.0, 1.0, 15.0), up="y"))
+    client.next(protocol.LightState)
+    sky, sun = viewer.session.scene.sources
+    np.testing.assert_allclose(sky.axis, [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(sun.direction, [0, 1, 0], atol=1e-12)
+
+
+def test_a_saved_view_is_shown(viewer: Viewer) -> None:
+    """Light and frame on all pages, the rest on the one that loads it."""
+    first, second = Client(viewer), Client(viewer)
+    second.next(protocol.LightState)
+    look = luxel.View(color_by="value", exposure=2.0, hide=luxel.Select("value", 0.5))
+    light = luxel.Lighting("ao", (Sky(0.5),), hide=luxel.Cut("y", 0.9), radius_scale=2.0)
+    first.send(protocol.LoadView(luxel.SavedView(look, light, 1).to_json()))
+    assert first.next(protocol.ViewState).view == json.loads(json.dumps(look.to_json()))
+    assert second.next(protocol.SceneState).frame == 1
+    assert second.next(protocol.LightState).key == viewer.session.key
+    assert not any(isinstance(each, protocol.ViewState) for each in second.heard)
+    now = luxel.Lighting.of(viewer.session.scene)
+    assert now.to_json() == light.to_json()
+
+
+@pytest.mark.parametrize(
+    "saved, message",
+    [
+        ({"luxel_view": 9}, "version"),
+        ({"luxel_view": 1, "light": {"model": "phong"}}, "model"),
+        ({"luxel_view": 1, "view": {"color_by": "strain"}}, "strain"),
+        ({"luxel_view": 1, "view": {"hide": [{"kind": "select", "scalar": "strain"}]}}, "strain"),
+        ({"luxel_view": 1, "frame": 1, "light": {"radius_scale": -1}}, "radius scale"),
+        ({"x": 1}, "no field x"),
+    ],
+)
+def test_a_bad_saved_view_changes_nothing_and_says_why(
+    viewer: Viewer, saved: dict[str, Any], message: str
+) -> None:
+    client = Client(viewer)
+    key = client.next(protocol.LightState).key
+    client.send(protocol.LoadView(saved))
+    assert message in client.next(protocol.Error).text
+    assert (viewer.session.key, viewer.session.frame) == (key, 0)
+
+
+def test_a_view_of_a_later_frame_leaves_the_frame(viewer: Viewer) -> None:
+    client = Client(viewer)
+    client.send(protocol.LoadView(luxel.SavedView(luxel.View(exposure=3), None, 7).to_json()))
+    assert client.next(protocol.ViewState).view["exposure"] == 3
+    assert "frame 7" in client.next(protocol.Error).text
+    assert viewer.session.frame == 0
 
 
 def test_address_is_announced_once_and_works(viewer: Viewer) -> None:
@@ -406,3 +522,52 @@ def test_wrong_use_is_refused(viewer: Viewer) -> None:
     taken = socket.create_server(("127.0.0.1", 0))
     with taken, pytest.raises(InputError, match="--port"):
         view(viewer.session, port=taken.getsockname()[1], block=False)
+
+
+def test_baked_textures_come_whole_and_once(tmp_path: Path) -> None:
+    spec = TextureSpec(mode="paper", samples=1, texels=TEXELS)
+    baked = bake_to(
+        tmp_path / "b.zarr",
+        [cloud(50), cloud(30)],
+        frames=[0, 1],
+        spec=spec,
+        model="shadows",
+        codec=CodecChoice("pca", components=3),
+    )
+    with (
+        Session(baked, threads=1) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
+    ):
+        client = Client(viewer)
+        for frame, count in enumerate((50, 30)):
+            if frame:
+                client.send(protocol.SetFrame(frame))
+            codec = client.next(protocol.CodecState)
+            assert codec.key == client.last(protocol.LightState).key == session.key
+            part = client.next(protocol.Payload)
+            assert (part.key, part.start) == (codec.key, 0)
+            assert part.records.shape == (count, codec.payload_bytes)
+            arrays = {name: getattr(codec, name) for name in ("offset", "basis")}
+            restored = restore(codec.description, arrays)
+            np.testing.assert_array_equal(restored.decode(part.records), baked[frame].textures.codes)
+            client.send(protocol.Sighted(codec.key, np.arange(count, dtype=np.int32), (0, 0, 5)))
+        client.send(protocol.ColormapRequest("viridis"))
+        client.next(protocol.Colormap)
+        assert not any(isinstance(each, protocol.Tiles | protocol.Coarse) for each in client.heard)
+        assert session.status().queued == 0
+
+
+def test_a_bake_too_large_for_a_page_comes_as_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("luxel.app.baked._PAYLOAD_BYTES_MAX", 50)
+    spec = TextureSpec(mode="paper", samples=1, texels=TEXELS)
+    baked = bake_to(tmp_path / "b.zarr", cloud(50), spec=spec, model="shadows")
+    with (
+        Session(baked, threads=1) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
+    ):
+        client = Client(viewer)
+        key = client.next(protocol.LightState).key
+        client.send(protocol.Sighted(key, np.array([7], np.int32), (0, 0, 5)))
+        tiles = client.next(protocol.Tiles)
+        np.testing.assert_array_equal(tiles.codes, baked[0].textures.codes[7:8])
+        assert not any(isinstance(each, protocol.CodecState) for each in client.heard)

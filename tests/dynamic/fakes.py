@@ -1,15 +1,17 @@
-"""A baker whose texels are a function of key and particle, and a clock that moves when told."""
+"""A baker whose texels are a function of key, particle and grade, and a clock that moves when told."""
 
 from __future__ import annotations
 
 import threading
 import zlib
+from collections.abc import Iterator
 
 import numpy as np
 
-from luxel.dynamic.cache import TextureCache
+from luxel.dynamic.cache import TextureCache, bytes_for
 from luxel.dynamic.engine import Engine
-from luxel.dynamic.queue import RequestQueue
+from luxel.dynamic.entries import ESTIMATE, FULL
+from luxel.dynamic.work import Bakers
 
 TEXELS = 4
 GUARD_S = 60.0  # only ever waited for when a test is about to fail
@@ -19,9 +21,11 @@ def ids_of(*values: int) -> np.ndarray:
     return np.array(values, dtype=np.int32)
 
 
-def code_of(key: str, ids: np.ndarray) -> np.ndarray:
+def code_of(key: str, ids: np.ndarray, grade: int = FULL) -> np.ndarray:
     """(K,) uint8: what every texel of these textures is."""
-    return ((ids.astype(np.int64) * 7 + zlib.crc32(key.encode())) % 251).astype(np.uint8)
+    return ((ids.astype(np.int64) * 7 + zlib.crc32(key.encode()) + 100 * (grade != FULL)) % 251).astype(
+        np.uint8
+    )
 
 
 def record_of(key: str, ids: np.ndarray) -> np.ndarray:
@@ -41,9 +45,17 @@ class FakeBaker:
     """Bakes `code_of`, takes `texture_s` of fake time a texture, fails for `bad` particles while told to."""
 
     def __init__(
-        self, key: str, clock: Clock | None = None, texture_s: float = 0.0, bad: tuple[int, ...] = ()
+        self,
+        key: str,
+        clock: Clock | None = None,
+        texture_s: float = 0.0,
+        bad: tuple[int, ...] = (),
+        grade: int = FULL,
+        steps: int = 0,
+        step_s: float = 0.0,
     ) -> None:
-        self.key, self.clock, self.texture_s = key, clock, texture_s
+        self.key, self.clock, self.texture_s, self.grade = key, clock, texture_s, grade
+        self.steps, self.step_s = steps, step_s
         self.bad = set(bad)
         self.batches: list[list[int]] = []
         self.work: list[tuple[str, list[int]]] = []  # all that was asked of it, in order
@@ -54,9 +66,13 @@ class FakeBaker:
             self.work.append(("first light", ids.tolist()))
         return record_of(self.key, ids)
 
-    def prepare(self, threads: int) -> None:
+    def preparation(self, threads: int) -> Iterator[None]:
         with self.lock:
             self.work.append(("prepare", []))
+        for _ in range(self.steps):
+            if self.clock is not None:
+                self.clock.now_s += self.step_s
+            yield
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
         with self.lock:
@@ -67,7 +83,7 @@ class FakeBaker:
         codes[:] = 99  # a batch that fails must not leave this behind
         if self.bad & set(ids.tolist()):
             raise ArithmeticError("a bad particle")
-        codes[:] = code_of(self.key, ids)[:, None, None]
+        codes[:] = code_of(self.key, ids, self.grade)[:, None, None]
         return int(np.count_nonzero(ids % 10 == 0))
 
 
@@ -80,14 +96,19 @@ class Stage:
         count: int = 1000,
         capacity: int = 100_000,
         clock: Clock | None = None,
-        expiry_s: float = 2.0,
+        shards: int | None = 1,
+        estimates: bool = False,
+        texels: int = TEXELS,
+        engine: dict[str, object] | None = None,
         **baker: object,
     ) -> None:
         self.count = count
         self.clock = clock or Clock()
-        self.cache = TextureCache(TEXELS, capacity * TEXELS * TEXELS)
-        self.engine = Engine(self.cache, RequestQueue(expiry_s), threads=threads, clock=self.clock)
+        self.cache = TextureCache(texels, bytes_for(capacity, texels, count), shards=shards)
+        self.engine = Engine(self.cache, threads=threads, clock=self.clock, **(engine or {}))
         self.bakers: dict[str, FakeBaker] = {}
+        self.estimators: dict[str, FakeBaker] = {}
+        self.estimates = estimates
         self.made: list[str] = []
         self.baker_options = baker
         self.heard: list[tuple[str, int]] = []
@@ -103,8 +124,10 @@ class Stage:
             self.heard += [(batch.key, each) for each in batch.ids.tolist()]
             if batch.stale:
                 self.stale.add(batch.key)
-            if not (batch.codes == code_of(batch.key, batch.ids)[:, None, None]).all():
-                self.wrong.append(batch.key)
+            for grade, chosen in ((FULL, ~batch.estimate), (ESTIMATE, batch.estimate)):
+                expected = code_of(batch.key, batch.ids[chosen], grade)[:, None, None]
+                if not (batch.codes[chosen] == expected).all():
+                    self.wrong.append(batch.key)
 
     def listen_coarse(self, batch) -> None:
         with self._lock:
@@ -112,22 +135,39 @@ class Stage:
             if not (batch.records == record_of(batch.key, batch.ids)).all():
                 self.wrong.append(batch.key)
 
-    def make(self, key: str) -> FakeBaker:
+    def make(self, key: str) -> Bakers:
         with self._lock:
             self.made.append(key)
-            return self.bakers.setdefault(key, FakeBaker(key, **self.baker_options))
+            full = self.bakers.setdefault(key, FakeBaker(key, **self.baker_options))
+            if not self.estimates:
+                return Bakers(full)
+            return Bakers(
+                full, self.estimators.setdefault(key, FakeBaker(key, grade=ESTIMATE, **self.baker_options))
+            )
 
     def select(self, key: str) -> None:
         self.engine.select(key, self.count, 1.0, "linear", lambda: self.make(key))
 
-    def request(self, key: str, ids, distance=None, client: str = "") -> int:
+    def request(self, key: str, ids, distance=None, client: str = "", pixels=None) -> int:
+        """Sight `ids`; distance and pixels are arrays beside them."""
         ids = np.asarray(ids, dtype=np.int32)
-        return self.engine.request(
-            key, ids, np.zeros(len(ids)) if distance is None else np.asarray(distance), client
-        )
+        far, wide = np.zeros(self.count), np.zeros(self.count)
+        far[ids] = 0 if distance is None else distance
+        wide[ids] = 0 if pixels is None else pixels
+
+        def measure(some):
+            return far[some], None if pixels is None else wide[some]
+
+        return self.engine.request(key, np.sort(ids), measure, client)
+
+    def queued(self, key: str) -> int:
+        self.engine.settle()
+        return self.cache.counts(key).queued
 
     def ready(self, key: str) -> set[int]:
         everything = np.arange(self.count, dtype=np.int32)
-        mask, codes = self.cache.lookup(key, everything)
-        assert (codes == code_of(key, everything[mask])[:, None, None]).all()
+        mask, codes, grades = self.cache.lookup(key, everything)
+        ids = everything[mask]
+        expected = np.where(grades == FULL, code_of(key, ids), code_of(key, ids, ESTIMATE))
+        assert (codes == expected[:, None, None]).all()
         return set(np.flatnonzero(mask).tolist())

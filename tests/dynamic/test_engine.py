@@ -1,19 +1,21 @@
 """The texture engine with bakers that cost nothing."""
 
 import threading
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
+from luxel.dynamic.entries import ESTIMATE, FULL, Counts
 from luxel.errors import SessionClosedError
 
 from .fakes import GUARD_S, Clock, FakeBaker, Stage, code_of, ids_of
 
 
-@pytest.mark.parametrize("threads", [0, 1, 4])
-def test_every_visible_particle_becomes_ready_exactly_once(threads):
-    stage = Stage(threads)
+@pytest.mark.parametrize("threads, shards", [(0, 1), (1, 4), (4, 1), (4, 8)])
+def test_every_visible_particle_becomes_ready_exactly_once(threads, shards):
+    stage = Stage(threads, shards=shards)
     stage.select("day")
     visible = range(0, 1000, 2)
     stage.request("day", visible)
@@ -24,6 +26,7 @@ def test_every_visible_particle_becomes_ready_exactly_once(threads):
     assert not stage.wrong
     assert stage.made == ["day"]
     assert stage.request("day", visible) == 0
+    assert stage.queued("day") == 0
     stage.engine.close()
 
 
@@ -51,7 +54,7 @@ def test_a_change_of_light_cancels_what_waits_and_keeps_what_is_done():
     stage = Stage()
     stage.select("day")
     stage.request("day", range(100))
-    for _ in range(4):  # makes the baker, first light, prepares, bakes a batch
+    while not stage.heard:
         assert stage.engine.run_once()
     done = stage.ready("day")
     assert 0 < len(done) < 100
@@ -83,9 +86,7 @@ def test_results_that_come_too_late_are_cached_under_their_own_key():
     stage = Stage()
     stage.select("day")
     stage.request("day", [1, 2])
-    for _ in range(3):
-        assert stage.engine.run_once()
-    baker = stage.bakers["day"]
+    baker = stage.bakers["day"] = FakeBaker("day")
     bake = baker.bake_into
 
     def slow(ids, codes):
@@ -93,26 +94,31 @@ def test_results_that_come_too_late_are_cached_under_their_own_key():
         return bake(ids, codes)
 
     baker.bake_into = slow
-    assert stage.engine.run_once()
-    assert stage.heard
+    while not stage.heard:
+        assert stage.engine.run_once()
     assert stage.stale == {"day"}
     assert stage.ready("day") == {each for _, each in stage.heard}
     assert stage.ready("night") == set()
 
 
-def test_a_failed_batch_is_retried_then_given_up(caplog):
+def test_a_failed_batch_is_done_once_more_one_by_one(caplog):
     stage = Stage(bad=(3,))
     stage.select("day")
-    for attempt in range(3):
-        assert stage.engine.error is None or attempt
-        assert stage.request("day", [3]) == 1
-        stage.engine.wait()
-        assert stage.engine.error == "ArithmeticError: a bad particle"
-        assert stage.cache.counts("day").baking == 0
-    assert stage.cache.counts("day").failed == 1
-    assert stage.request("day", [3]) == 0
-    assert len(stage.bakers["day"].batches) == 3
-    assert not stage.heard
+    stage.request("day", range(10))
+    while not stage.engine.error:  # reported with the step in which it happens
+        assert stage.engine.run_once()
+    assert stage.engine.error == "ArithmeticError: a bad particle"
+    stage.engine.wait()
+    batches = stage.bakers["day"].batches
+    failed = next(batch for batch in batches if 3 in batch)
+    assert all([particle] in batches for particle in failed)
+    assert sum(3 in batch for batch in batches) == 2
+    assert stage.ready("day") == set(range(10)) - {3}
+    counts = stage.cache.counts("day")
+    assert (counts.failed, counts.baking, counts.queued) == (1, 0, 0)
+    assert stage.request("day", range(10)) == 0  # never asked for again
+    assert not stage.engine.run_once()
+    assert not stage.wrong
     assert "a bad particle" in caplog.text
     stage.select("night")
     assert stage.engine.error is None
@@ -122,28 +128,102 @@ def test_a_failure_that_passes_leaves_no_trace():
     stage = Stage(bad=(3,))
     stage.select("day")
     stage.request("day", [1, 2, 3])
-    stage.engine.wait()
+    while not stage.engine.error:
+        stage.engine.run_once()
     stage.bakers["day"].bad.clear()
-    stage.request("day", [1, 2, 3])
     stage.engine.wait()
     assert stage.ready("day") == {1, 2, 3}
     assert stage.cache.counts("day").failed == 0
 
 
-def test_workers_survive_failures_of_bakers_and_listeners():
-    stage = Stage(threads=2, bad=(3,))
+def test_a_failure_under_an_old_light_is_not_repeated():
+    stage = Stage(bad=(3,))
+    stage.select("day")
+    stage.request("day", [3])
+    while not stage.engine.error:
+        stage.engine.run_once()
+    stage.select("night")
+    assert not stage.engine.run_once()
+    assert stage.cache.counts("day") == Counts(missing=1000)
+    stage.select("day")
+    stage.bakers["day"].bad.clear()
+    stage.request("day", [3])
+    stage.engine.wait()
+    assert stage.ready("day") == {3}
+
+
+def test_a_baker_that_fails_for_everything_is_given_up_soon(caplog):
+    stage = Stage(bad=tuple(range(1000)))
+    stage.select("day")
+    stage.request("day", range(1000))
+    stage.engine.wait()
+    assert len(stage.bakers["day"].batches) < 50
+    assert len(caplog.records) < 50
+    assert stage.cache.counts("day").failed == 16
+    assert stage.cache.counts("day").queued == 0
+    stage.request("day", range(1000))
+    assert not stage.engine.run_once()
+    stage.select("night")
+    stage.bakers["night"] = FakeBaker("night")
+    stage.request("night", [1])
+    stage.engine.wait()
+    assert stage.ready("night") == {1}
+
+
+def test_an_interrupt_leaves_its_batch_to_be_done_later():
+    stage = Stage()
+    baker = stage.bakers["day"] = FakeBaker("day")
+    bake = baker.bake_into
+
+    def interrupted(ids, codes):
+        baker.bake_into = bake
+        raise KeyboardInterrupt
+
+    baker.bake_into = interrupted
+    stage.select("day")
+    stage.request("day", [1, 2])
+    with pytest.raises(KeyboardInterrupt):
+        stage.engine.wait()
+    assert stage.cache.counts("day").baking == 0
+    stage.request("day", [1, 2])
+    assert stage.engine.wait()
+    assert stage.ready("day") == {1, 2}
+
+
+@pytest.mark.parametrize("shards", [1, 8])
+def test_workers_survive_failures_of_bakers_and_listeners(shards):
+    stage = Stage(threads=2, shards=shards, bad=(3,))
 
     def fragile(batch):
         raise ValueError("a listener that fails")
 
     stage.engine.subscribe(fragile)
     stage.select("day")
-    for _ in range(3):
-        stage.request("day", [3])
-        assert stage.engine.wait(GUARD_S)
+    stage.request("day", [3])
+    assert stage.engine.wait(GUARD_S)
     stage.request("day", range(500))
     assert stage.engine.wait(GUARD_S)
     assert stage.ready("day") == set(range(500)) - {3}
+    stage.engine.close()
+
+
+def test_a_thread_survives_even_what_is_no_exception(caplog):
+    stage = Stage(threads=1)
+    baker = stage.bakers["day"] = FakeBaker("day")
+    bake = baker.bake_into
+
+    def exits(ids, codes):
+        baker.bake_into = bake
+        raise SystemExit
+
+    baker.bake_into = exits
+    stage.select("day")
+    stage.request("day", [1])
+    assert stage.engine.wait(GUARD_S)
+    assert stage.engine.error == "SystemExit: "
+    stage.request("day", [1, 2])
+    assert stage.engine.wait(GUARD_S)
+    assert stage.ready("day") == {1, 2}
     stage.engine.close()
 
 
@@ -155,13 +235,15 @@ def test_a_baker_that_cannot_be_made_is_reported(threads):
         stage.made.append("day")
         raise MemoryError("no room for a tree")
 
-    stage.engine.select("day", 10, 1.0, "linear", broken)
+    stage.engine.select("day", stage.count, 1.0, "linear", broken)
     stage.request("day", [1, 2])
     assert stage.engine.wait(GUARD_S)
-    assert stage.made == ["day"] * 3
+    assert stage.made == ["day"] * 2
     assert stage.engine.error == "MemoryError: no room for a tree"
     assert stage.cache.counts("day").queued == 0
-    assert stage.request("day", [1, 2]) == 0
+    stage.request("day", [1, 2])
+    assert stage.engine.wait(GUARD_S)
+    assert stage.made == ["day"] * 2
     stage.select("night")
     stage.request("night", [1])
     assert stage.engine.wait(GUARD_S)
@@ -178,54 +260,115 @@ def test_only_the_latest_bakers_are_kept():
     assert stage.made == ["a", "b", "c", "d", "a"]
 
 
-def test_batches_grow_towards_thirty_milliseconds_and_shrink_back():
+def slow_stage(texture_s: float, **options) -> Stage:
     clock = Clock()
-    stage = Stage(count=100_000, clock=clock, texture_s=1e-4)
-    stage.bakers["day"] = FakeBaker("day", clock, 1e-4)
+    stage = Stage(count=100_000, clock=clock, shards=1, texture_s=texture_s, **options)
+    stage.baker_options["clock"] = clock
     stage.select("day")
+    return stage
+
+
+def test_pieces_grow_towards_thirty_milliseconds_and_shrink_back():
+    stage = slow_stage(1e-4)
     stage.request("day", range(20_000))
     stage.engine.run_for(1.0)
     sizes = [len(batch) for batch in stage.bakers["day"].batches]
-    assert sizes[:3] == [16, 32, 64]
-    assert 250 <= sizes[-1] <= 350
+    assert sizes[:5] == [1, 2, 4, 8, 16]
+    assert sizes[-2] == pytest.approx(300, abs=1)
     stage.bakers["day"].texture_s = 1e-2
-    stage.engine.run_for(10.0)
-    assert len(stage.bakers["day"].batches[-1]) == 3
+    stage.engine.run_for(20.0)
+    assert len(stage.bakers["day"].batches[-2]) == 3
 
 
-def test_run_for_keeps_to_its_budget():
-    clock = Clock()
-    stage = Stage(count=100_000, clock=clock)
-    stage.bakers["day"] = FakeBaker("day", clock, 1e-4)
-    stage.select("day")
+def test_the_callback_bounds_the_frame_rate_by_its_budget_and_little_more():
+    """Paper 4.2: with 1/30 s a frame for textures there are fewer than 30 frames a second; how many fewer is up to drawing."""
+    stage = slow_stage(3e-4)
     stage.request("day", range(50_000))
-    for _ in range(20):
-        start_s = clock.now_s
+    for frame in range(100):
+        start_s = stage.clock.now_s
         stage.engine.run_for(1 / 30)
-        assert 1 / 30 <= clock.now_s - start_s < 1 / 30 + 0.06
-    assert stage.engine.textures_per_s == pytest.approx(len(stage.heard) / 3)
-    clock.now_s += 5
+        took_s = stage.clock.now_s - start_s
+        assert took_s < 1 / 30 + 3e-4  # one texture at most, since the pace is steady
+        if frame:
+            assert took_s > 1 / 30 - 2 * 3e-4  # what is there to be used is used
+    assert stage.engine.textures_per_s == pytest.approx(1 / 3e-4, rel=0.1)
+    stage.clock.now_s += 5
     assert stage.engine.textures_per_s == 0
 
 
+def test_one_slow_texture_a_frame_is_made_even_if_the_budget_is_less():
+    stage = slow_stage(0.1)
+    stage.request("day", range(10))
+    stage.engine.run_for(0.01)
+    for frame in range(10):
+        start_s = stage.clock.now_s
+        stage.engine.run_for(0.01)
+        assert stage.clock.now_s - start_s == pytest.approx(0.1 if frame < 9 else 0)
+    assert stage.ready("day") == set(range(10))
+
+
+def test_the_callback_bounds_the_latency_from_below_by_a_frame_and_from_above_by_the_work():
+    """Paper 4.2: what is requested in a frame is there one frame later at the earliest; n textures take n t / budget frames."""
+    budget_s, each_s, draw_s = 1 / 30, 1e-3, 5e-3
+    stage = slow_stage(each_s)
+    stage.request("day", range(100, 200))
+    stage.engine.wait()  # the pace is known
+    visible, seen_ready = np.arange(100, dtype=np.int32), {}
+    for frame in range(20):
+        stage.clock.now_s += draw_s
+        for each in stage.ready("day") & set(visible.tolist()):
+            seen_ready.setdefault(each, frame)
+        stage.request("day", visible)
+        stage.engine.run_for(budget_s)
+    assert set(seen_ready) == set(visible.tolist())
+    assert min(seen_ready.values()) == 1
+    whole = 100 * each_s / budget_s
+    assert whole <= max(seen_ready.values()) <= whole + 3
+
+
+def test_preparation_goes_in_steps_between_frames():
+    stage = slow_stage(1e-3, steps=20, step_s=0.01)
+    stage.request("day", range(10))
+    stage.engine.run_for(0.05)  # makes the baker, first light
+    while not stage.ready("day"):
+        start_s = stage.clock.now_s
+        stage.engine.run_for(0.025)
+        assert stage.clock.now_s - start_s < 0.025 + 0.01
+    assert [kind for kind, _ in stage.bakers["day"].work].count("prepare") == 1
+
+
+def test_several_threads_may_call_back_at_once():
+    stage = Stage(shards=4)
+    stage.select("day")
+    stage.request("day", range(1000))
+    with ThreadPoolExecutor(4) as pool:
+        for done in [pool.submit(stage.engine.run_for, 1e9) for _ in range(4)]:
+            done.result(GUARD_S)
+    assert stage.engine.wait()
+    assert stage.ready("day") == set(range(1000))
+    assert len(stage.heard) == len(set(stage.heard))
+
+
 def test_the_last_requests_are_spread_over_threads():
-    stage = Stage()
-    stage.engine.thread_count = 4
+    stage = Stage(shards=1)
     stage.select("day")
     stage.request("day", range(16))
+    stage.engine.thread_count = 4
     while stage.engine.run_once():
         pass
-    assert len(stage.bakers["day"].batches[0]) == 4
+    assert max(len(batch) for batch in stage.bakers["day"].batches) <= 4
 
 
 def test_requests_lapse_once_their_client_looks_elsewhere():
-    stage = Stage(expiry_s=2.0)
+    stage = Stage(engine={"expiry_s": 2.0})
     stage.select("day")
     stage.request("day", [1], client="ann")
     stage.request("day", [2], client="bob")
+    assert stage.queued("day") == 2
     stage.clock.now_s += 3
+    assert stage.queued("day") == 2  # both rest
     stage.request("day", [5], client="ann")
-    assert stage.cache.counts("day").queued == 2
+    assert stage.queued("day") == 2
     stage.engine.wait()
     assert stage.ready("day") == {2, 5}
 
@@ -236,9 +379,11 @@ def test_requests_lapse_though_all_in_sight_is_ready():
     stage.request("day", [1])
     stage.engine.wait()
     stage.request("day", [2])
-    stage.clock.now_s += 3
+    assert stage.queued("day") == 1
     stage.request("day", [1])
-    assert stage.cache.counts("day").queued == 0
+    assert stage.queued("day") == 1
+    stage.clock.now_s += 3
+    assert stage.queued("day") == 0
     assert not stage.engine.run_once()
 
 
@@ -254,7 +399,7 @@ def test_a_client_that_leaves_takes_its_requests_with_it():
 
 
 def test_a_view_larger_than_the_cache_bakes_what_fits_and_stops():
-    stage = Stage(capacity=50)
+    stage = Stage(capacity=50, count=140)
     stage.select("day")
     distance = np.linspace(0, 1, 80)
     stage.request("day", range(80), distance)
@@ -262,7 +407,8 @@ def test_a_view_larger_than_the_cache_bakes_what_fits_and_stops():
     assert stage.ready("day") == set(range(50))  # the nearest
     assert stage.engine.over_budget == 30
     for _ in range(5):
-        assert stage.request("day", range(80), distance) == 0
+        assert stage.request("day", range(80), distance) == 30
+        stage.engine.wait()
     assert len(stage.heard) == 50
     stage.request("day", range(100, 140))
     stage.engine.wait()
@@ -321,6 +467,7 @@ def test_close_ends_the_threads_and_later_use_is_an_error():
         lambda: stage.select("night"),
         lambda: stage.request("day", [1]),
         lambda: stage.engine.run_once(),
+        lambda: stage.engine.run_for(1.0),
         lambda: stage.engine.wait(),
         lambda: stage.engine.subscribe(print),
     ):
@@ -353,9 +500,10 @@ def test_close_waits_for_the_batch_in_progress():
     assert stage.ready("day") == set(baker.batches[0])
 
 
-def test_many_clients_lights_and_workers_at_once():
+@pytest.mark.parametrize("shards", [1, 8])
+def test_many_clients_lights_and_workers_at_once(shards):
     """Nothing is lost, baked twice or mixed up between keys while everything happens at the same time."""
-    stage = Stage(threads=4, count=2000)
+    stage = Stage(threads=4, count=2000, shards=shards, estimates=True)
     stage.select("k0")
 
     def client(number):
@@ -368,9 +516,9 @@ def test_many_clients_lights_and_workers_at_once():
             stage.request(key, ids, rng.random(len(ids)), client=str(number))
             table = stage.cache.snapshot(key)
             if table is not None:
-                there = np.flatnonzero(table.slot >= 0)
-                expected = code_of(key, there.astype(np.int32))
-                assert (table.codes[table.slot[there]] == expected[:, None, None]).all()
+                there = np.flatnonzero(table.slot >= 0).astype(np.int32)
+                shown = table.codes[table.slot[there]][:, 0, 0]
+                assert ((shown == code_of(key, there)) | (shown == code_of(key, there, ESTIMATE))).all()
             if step % 20 == 19:
                 stage.engine.forget(str(number))
 
@@ -381,20 +529,22 @@ def test_many_clients_lights_and_workers_at_once():
     stage.request("k0", np.arange(stage.count))
     assert stage.engine.wait(GUARD_S)
     assert stage.ready("k0") == set(range(stage.count))
-    assert len(set(stage.heard)) == len(stage.heard)
+    assert stage.cache.counts("k0") == Counts(ready=stage.count)
+    assert (stage.cache.lookup("k0", np.arange(stage.count, dtype=np.int32))[2] == FULL).all()
+    assert max(Counter(stage.heard).values()) <= 2  # an estimate, a texture
     assert not stage.wrong
     for key in ("k0", "k1", "k2"):
         counts = stage.cache.counts(key)
-        assert counts.queued == counts.baking == counts.failed == 0
+        assert counts.queued == counts.baking == counts.failed == counts.refining == 0
         assert counts.ready == len(stage.ready(key))
     stage.engine.close()
 
 
 def test_a_small_cache_under_many_workers_never_shows_a_wrong_tile():
-    stage = Stage(threads=4, count=2000, capacity=200)
+    stage = Stage(threads=4, count=2000, capacity=800)
     stage.select("day")
     for step in range(40):
-        visible = np.arange(step * 40, step * 40 + 150) % stage.count
+        visible = np.arange(step * 80, step * 80 + 300) % stage.count
         stage.request("day", visible)
         table = stage.cache.snapshot("day")
         shown = {each: table.codes[table.slot[each]].copy() for each in np.flatnonzero(table.slot >= 0)}

@@ -50,6 +50,18 @@ def test_radii_from_a_thousandth_to_a_thousand_spacings(seed, count, mode, model
     bake_sanely(luxel.Particles(rng.random((count, 3)) * count ** (1 / 3), radii), mode=mode, model=model)
 
 
+def test_radii_beyond_single_precision_are_lit_and_told(caplog):
+    radii = np.array([1e-5, 1e-4, 1.0, 2e3])
+    points = [[0, 0, 2000.0], [0.001, 0, 2000], [3, 0, 2001], [0, 0, 0]]
+    bake_sanely(luxel.Particles(points, radii))
+    (told,) = [r.getMessage() for r in caplog.records if r.levelname == "WARNING"]
+    assert "2 of 4 particles" in told
+    assert "particle 0: 1e-05" in told
+    caplog.clear()
+    bake_sanely(luxel.Particles(points[2:], radii[2:]))
+    assert not caplog.records
+
+
 @settings(max_examples=4)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1e9, -1e9, 1e12]), MODES)
 def test_far_from_zero_light_is_the_same(seed, offset, mode):

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import luxel
+from benchmarks.scenes import plate
+from luxel.light.sampling import draw_paths
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec
 from tests.conftest import shared_data
@@ -50,3 +52,16 @@ def test_fast_mode_is_paper_mode_with_less_noise(file):
     assert abs(difference.mean()) < BIAS
     raw = Baker(scene, TextureSpec(samples=4)).luminance(ids)[0][counts] - truth
     assert error < 0.8 * np.sqrt((raw**2).mean() - noise)
+
+
+def test_what_is_left_black_is_dark():
+    scene = luxel.Scene(plate(60_000), LIGHTS)
+    ids = np.random.default_rng(2).choice(len(scene.particles), 250, replace=False).astype(np.int32)
+    fast = Baker(scene, TextureSpec(mode="fast", samples=4)).luminance(ids)[0]
+    black = ids[~fast.any(axis=(1, 2))]
+    assert len(black) > 40
+    truth = draw_paths(Baker(scene, TextureSpec(seed=5)).world, "latlong", 16, 16, black).mean
+    assert truth.mean() < 0.002
+    assert truth.mean(axis=(1, 2)).max() < 0.03
+    # Nor do they hide a bright spot: a crack that opens on a few texels.
+    assert truth.reshape(-1, 4, 4, 4, 4).mean(axis=(2, 4)).max() < 0.25

@@ -12,7 +12,7 @@ from luxel.light.world import make_world
 from luxel.picture.raytrace import render
 from luxel.textures.bake import Baker
 from luxel.textures.spec import TextureSpec
-from luxel.textures.textures import TextureTable, decoding_table
+from luxel.textures.textures import FIRST_LIGHT, TextureTable, decoding_table
 from tests.scenes import cloud
 
 
@@ -74,17 +74,16 @@ def test_a_picture_of_coarse_records_is_close_to_one_of_textures():
     )
     baker = Baker(scene, TextureSpec(samples=4, mode="fast"))
     records = baker.first_light(np.arange(len(particles), dtype=np.int32))
-    none = np.full(len(particles), -1, np.int32)
 
     class Coarse:
         key = baker.key
 
-        def __init__(self, records: np.ndarray) -> None:
-            self.records = records
+        def __init__(self, slot: int) -> None:
+            self.slot = np.full(len(particles), slot, np.int32)
 
         def snapshot(self, key: str) -> TextureTable:
             codes = np.zeros((1, 16, 16), np.uint8)
-            return TextureTable(none, codes, decoding_table(baker.scale, "sqrt"), coarse=self.records)
+            return TextureTable(self.slot, codes, decoding_table(baker.scale, "sqrt"), coarse=records)
 
         def sighted(self, ids: np.ndarray, eye: np.ndarray) -> None:
             """Nothing more comes."""
@@ -92,7 +91,7 @@ def test_a_picture_of_coarse_records_is_close_to_one_of_textures():
     view = luxel.View(camera=luxel.Camera((6.5, -16, 18), (6.5, 6.5, 4), fov=40))
     pictures = [
         render(scene, view, textures=source, size=(150, 110), antialias=2, samples=4)
-        for source in (None, Coarse(records), Coarse(np.full_like(records, -1)))
+        for source in (None, Coarse(FIRST_LIGHT), Coarse(-1))
     ]
     seen = pictures[0].ids >= 0
     textured, coarse, lambert = (each.array[seen][:, :3].astype(float) for each in pictures)

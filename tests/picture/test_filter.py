@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import luxel
-from luxel.kernels.mapping import LATLONG, OCTAHEDRAL
-from luxel.kernels.shade import shade_textures
+from luxel.light.mapping import Mapping
 from luxel.light.world import make_world
-from luxel.picture.raytrace import make_eye, trace_primary
-from luxel.textures.textures import NO_COARSE, decoding_table
+from luxel.picture.drawing import Crew, draw_rays, make_eye, make_skin
+from luxel.textures.textures import TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
 from tests.scenes import lattice
 
@@ -20,7 +19,7 @@ SIDE = 120
 
 
 def luminance(
-    edge: int, rays: int, spacing: float, *, orthographic: bool = False, mapping: int = LATLONG
+    edge: int, rays: int, spacing: float, *, orthographic: bool = False, mapping: Mapping = "latlong"
 ) -> np.ndarray:
     """(H, W) mean luminance of a lattice of edge³ particles with noise for textures, rays × rays to a pixel."""
     particles = lattice(edge)
@@ -38,19 +37,17 @@ def luminance(
     codes = np.random.default_rng(0).integers(0, 256, (count, 16, 16)).astype(np.uint8)
     slot, colors = np.arange(count, dtype=np.int32), np.ones((count, 3), np.float32)
     total = np.zeros((SIDE, SIDE, 5), np.float32)
+    table = TextureTable(slot, codes, decoding_table(1.0, "linear"), mapping)
     for k in range(rays * rays):
-        shift = (np.float32((k % rays + 0.5) / rays), np.float32((k // rays + 0.5) / rays))
-        distance, ids = trace_primary(world, eye, SIDE, SIDE, shift, 1)
-        shade_textures(
-            world, eye, *shift, np.float32(spacing), 0, SIDE, distance, ids, mapping, slot, codes,
-            decoding_table(1.0, "linear"), NO_COARSE, colors, total,
-        )  # fmt: skip
+        shift = (k % rays + 0.5) / rays, (k // rays + 0.5) / rays
+        skin = make_skin(table, colors)
+        draw_rays(world.tree, world.lights, eye, shift, skin, total, Crew(1), spacing=spacing)
     return total[:, :, 3] / np.maximum(total[:, :, 4], 1)
 
 
 @pytest.mark.parametrize(
     "options",
-    [{"mapping": LATLONG}, {"mapping": OCTAHEDRAL}, {"orthographic": True}],
+    [{"mapping": "latlong"}, {"mapping": "octahedral"}, {"orthographic": True}],
     ids=["latlong", "octahedral", "orthographic"],
 )
 def test_small_particles_come_closer_to_their_mean_over_a_pixel(options):

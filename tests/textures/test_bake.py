@@ -1,5 +1,6 @@
 """Baking: one answer whatever the batch, order or threads; errors; the filter of fast mode."""
 
+import _thread
 import threading
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 
 import luxel
 from luxel.errors import InputError
+from luxel.light.fast import FastLight
 from luxel.light.sampling import draw_paths
-from luxel.textures.bake import Baker
+from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
 from luxel.textures.textures import decode, encode
 from tests.scenes import cloud, lattice
@@ -156,3 +158,27 @@ def test_an_interrupted_bake_leaves_nothing_behind(scene, mode):
     assert threading.active_count() == before
     again = luxel.bake(scene, samples=4, mode=mode, threads=2)
     assert np.array_equal(again.codes, luxel.bake(scene, samples=4, mode=mode, threads=1).codes)
+
+
+def test_ctrl_c_while_the_filter_learns(scene, monkeypatch):
+    baker = Baker(scene, TextureSpec(samples=4, mode="fast"))
+    ids = np.arange(8, dtype=np.int32)
+    before = set(threading.enumerate())
+    draw = FastLight._draw
+
+    pressed = threading.Lock()
+
+    def interrupted(self, *args, **options):
+        if pressed.acquire(blocking=False):
+            _thread.interrupt_main()
+        return draw(self, *args, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FastLight, "_draw", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            bake_with(baker, ids, threads=2)
+    for thread in set(threading.enumerate()) - before:
+        thread.join(30)  # one that was just starting when the key was pressed ends by itself
+        assert not thread.is_alive()
+    found = bake_with(baker, ids, threads=2)
+    assert np.array_equal(found.codes, luxel.bake(scene, ids, samples=4, mode="fast").codes)

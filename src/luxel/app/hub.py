@@ -7,25 +7,35 @@ import contextlib
 import functools
 import itertools
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from luxel.app import protocol, state
+from luxel.app import baked, protocol, state
 from luxel.app.feed import Feed
 from luxel.dynamic.work import CoarseBatch, TileBatch
 from luxel.errors import InputError, LuxelError, ProtocolError
+from luxel.kernels.jit import cold
 from luxel.particles import Particles
+from luxel.scene.hiding import condition_from_json
+from luxel.scene.saved import SavedView
+from luxel.scene.view import View
 from luxel.session import Session
+from luxel.textures.store.reader import BakedFrame
 from luxel.trace.spheres import SphereSet
 
-__all__ = ["Hub", "Page"]
+__all__ = ["Hub", "Page", "cold_notice"]
 
 _log = logging.getLogger(__name__)
 _STATUS_PERIOD_S = 0.25
 _COARSE_COUNT = 8192  # records in one message: 96 kB
 _IDLE_PERIOD_S = 0.5  # between looks whether somebody changed the session from Python
+
+
+def cold_notice() -> str:
+    """Return what pages say until the first light arrives, if kernels have to be compiled first."""
+    return "Compiling light kernels for this machine (once) …" if cold() else ""
 
 
 class Page:
@@ -39,7 +49,9 @@ class Page:
         self.name = name
         self.feed = Feed()
         self.coarse = Feed(_COARSE_COUNT, once=True)
+        self.parts = baked.PartFeed()
         self.greeted = False
+        self.view: View | None = None  # how the page looks at it, if it said so
         self.wake = asyncio.Event()
         self._outbox: dict[object, Callable[[], protocol.Message]] = {}
 
@@ -53,6 +65,7 @@ class Page:
         """Forget what it wants and has: another light, or another data set of `count` particles."""
         self.feed.reset(count)
         self.coarse.reset(count)
+        self.parts.reset()
 
     def clear(self) -> None:
         """Drop what has not been sent: it is about another data set."""
@@ -80,11 +93,14 @@ class Hub:
         self._epoch = 0
         self._particles: Particles | None = None
         self._key = ""
+        self._baked: BakedFrame | None = None  # what pages get whole, instead of tiles
+        self._baked_read = False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._unsubscribe: tuple[Callable[[], None], ...] = ()
         self._status_timer: asyncio.TimerHandle | None = None
         self._status_sent: protocol.Status | None = None
         self._chase: asyncio.Future[None] | None = None
+        self._reading: asyncio.Future[None] | None = None
 
     def start(self) -> None:
         """Begin to listen to the session; called on the event loop."""
@@ -143,6 +159,8 @@ class Hub:
             if len(batch.ids):
                 return protocol.Tiles(self._key, batch.ids, batch.codes)
             page.feed.withdraw()  # evicted meanwhile; the page will ask again
+        if self._baked is not None and (part := page.parts.take()) is not None:
+            return baked.payload(self._baked, part)
         return None
 
     async def _act(self, page: Page, message: protocol.ClientMessage) -> None:
@@ -151,8 +169,8 @@ class Hub:
                 _log.info(
                     "%s connected, drawing with %s", page.name, _clean(message.renderer) or "unknown hardware"
                 )
-                page.greeted = True
                 await self._catch_up()
+                page.greeted = True
                 self._introduce(page)
                 self._status_soon()
             case protocol.Sighted():
@@ -160,6 +178,7 @@ class Hub:
             case protocol.Confirm():
                 page.feed.confirm(message.batches)
                 page.coarse.confirm(message.coarse)
+                page.parts.confirm(message.parts)
                 page.wake.set()
             case protocol.SetLight():
                 await self._set_light(message)
@@ -174,6 +193,13 @@ class Hub:
             case protocol.ColormapRequest():
                 found = await asyncio.to_thread(state.colormap, message.name)
                 page.post(("colormap", message.name), lambda: found)
+            case protocol.SetView():
+                page.view = await asyncio.to_thread(View.from_json, message.view)
+            case protocol.LoadView():
+                await self._load_view(page, message.saved)
+            case protocol.Inspect():
+                told = state.particle(self.session.particles, message.id, self._epoch)
+                page.post("particle", lambda: told)
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
 
@@ -185,6 +211,9 @@ class Hub:
         ids = np.unique(message.ids)
         if len(ids) and (ids[0] < 0 or ids[-1] >= len(particles)):
             raise ProtocolError(f"ids must lie in 0..{len(particles) - 1}, got {ids[0]}..{ids[-1]}")
+        if self._baked is not None:
+            page.parts.want(ids)
+            return
         page.feed.want(ids)
         page.coarse.want(ids)
         spheres = SphereSet.of(particles)
@@ -205,23 +234,43 @@ class Hub:
         if message.albedo is not None:
             changes["albedo"] = message.albedo
         if message.sky is not None or message.sun is not None:
-            up = state.view_of(self.session).up
+            up = message.up or state.view_of(self.session).up
             lights = self.session.scene.sources
-            changes["lights"] = state.lights_with(lights, message.sky, message.sun, up)
+            changes["lights"] = state.lights_with(lights, message.sky, message.sun, up)  # type: ignore[arg-type]
+        if message.hide is not None:
+            changes["hide"] = tuple(condition_from_json(each) for each in message.hide)
+        if message.radius_scale is not None:
+            changes["radius_scale"] = message.radius_scale
         if not changes:
             raise InputError("a change of light that changes nothing")
         await asyncio.to_thread(functools.partial(self.session.relight, **changes))
         await self._catch_up()
 
+    async def _load_view(self, page: Page, data: Mapping[str, Any]) -> None:
+        """Show a saved view: its light and frame on all pages, its camera and colours on this one."""
+        view, note = await asyncio.to_thread(lambda: state.restore(self.session, SavedView.from_json(data)))
+        await self._catch_up()
+        page.view = view
+        page.post("view", lambda: protocol.ViewState(view.to_json()))
+        if note:
+            page.post("error", lambda: protocol.Error(note))
+
     async def _catch_up(self) -> None:
         """Tell all pages if the session's frame or light is not what they were told last."""
         session = self.session
-        if session.particles is not self._particles:
+        if session.particles.unscaled is not self._particles:
             # The first look at new particles normalises them, which takes a while for millions.
-            particles = session.particles
+            particles = session.particles.unscaled
             await asyncio.to_thread(SphereSet.of, particles)
+            if particles is self._particles:
+                return  # two pages came at once, and all is told already
             self._particles, self._key = particles, session.key
             self._epoch += 1
+            stored = session.stored
+            self._baked = stored if stored is not None and baked.fits_page(stored) else None
+            self._baked_read = False
+            if self._baked is not None:
+                self._reading = asyncio.ensure_future(self._read_baked(self._baked))
             for page in self.pages:
                 if page.greeted:
                     page.clear()
@@ -245,6 +294,30 @@ class Hub:
         for part in state.geometry(particles, epoch):
             page.post(("geometry", part.start), functools.partial(_same, part))
         page.post("status", functools.partial(state.status, self.session))
+        if self._baked_read:
+            self._offer(page)
+
+    async def _read_baked(self, frame: BakedFrame) -> None:
+        """Read textures from disk, which takes a while for millions, then offer them to all pages."""
+        try:
+            await asyncio.to_thread(lambda: (frame.codec, frame.payload))
+        except LuxelError as error:
+            text = str(error)
+            for page in self.pages:
+                page.post("error", lambda: protocol.Error(text))
+            return
+        if frame is self._baked:
+            self._baked_read = True
+            for page in self.pages:
+                if page.greeted:
+                    self._offer(page)
+
+    def _offer(self, page: Page) -> None:
+        """Post how textures are decoded; the textures follow."""
+        frame = self._baked
+        assert frame is not None
+        page.post("codec", functools.partial(baked.codec_state, frame))
+        page.parts.reset(frame.count, baked.part_size(frame.count, frame.payload_bytes))
 
     def _hear(self, batch: TileBatch | CoarseBatch) -> None:
         """Hear of finished work; called from the worker threads of the session."""
@@ -273,7 +346,7 @@ class Hub:
     def _send_status(self) -> None:
         self._status_timer = None
         session = self.session
-        if session.particles is not self._particles or session.key != self._key:
+        if session.particles.unscaled is not self._particles or session.key != self._key:
             self._chase = asyncio.ensure_future(self._catch_up())  # changed from Python, not by a page
         now = state.status(session)
         if self._status_sent is None or vars(now) != vars(self._status_sent):

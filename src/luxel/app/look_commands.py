@@ -14,8 +14,7 @@ from luxel.app.options import (
     add_file_options,
     add_scene_options,
     aim,
-    build_lights,
-    build_view,
+    build_look,
     fill_light,
     given_light,
     picture_size,
@@ -27,6 +26,7 @@ from luxel.errors import InputError
 if TYPE_CHECKING:
     from luxel.io import Series
     from luxel.particles import Particles
+    from luxel.scene.saved import SavedView
     from luxel.scene.scene import Scene
     from luxel.scene.view import View
     from luxel.session import Session
@@ -126,15 +126,14 @@ def _render(options: argparse.Namespace) -> None:
     check_output(options.output)  # before minutes of work
     baked = _open_if_baked(options)
     if baked is not None:
-        view = build_view(options, _stored_view(baked))
-        frame = baked[options.frame or 0]
+        look = _stored_look(options, baked)
+        frame = baked[look.frame or 0]
         origin = {"file": baked.path, "frame": frame.index}
-        _draw(options, frame.scene, view, origin, frame.compressed)
+        _draw(options, frame.scene, look.view, origin, frame.compressed)
     else:
-        fill_light(options)
-        view = build_view(options)
-        series, k = open_series(options)
-        _draw(options, _scene(options, series[k], view), view, {"file": series.path, "frame": k})
+        look = build_look(options)
+        series, k = open_series(options, look.frame)
+        _draw(options, look.scene(series[k]), look.view, {"file": series.path, "frame": k})
 
 
 def _view(options: argparse.Namespace) -> None:
@@ -142,37 +141,35 @@ def _view(options: argparse.Namespace) -> None:
     if baked is not None:
         from luxel.session import Session
 
-        view = build_view(options, _stored_view(baked))
-        frame = baked[options.frame or 0]
-        view = _ready(options, view, frame.particles)
+        look = _stored_look(options, baked)
+        frame = baked[look.frame or 0]
+        view = _ready(options, look.view, frame.particles)
         _serve(options, Session(baked, frame=frame.index, view=view, threads=options.threads), view)
     else:
-        fill_light(options)
-        view = build_view(options)
-        series, k = open_series(options)
-        _serve_light(options, series, k, view, series[k])
+        look = build_look(options)
+        series, k = open_series(options, look.frame)
+        _serve_light(options, series, k, look, series[k])
 
 
 def _demo(options: argparse.Namespace) -> None:
     from luxel.data import demo_particles, demo_view
     from luxel.picture.image import check_output
 
-    fill_light(options)
-    view = build_view(options, demo_view())
-    if options.sun is None:
+    if options.sun is None and options.view_file is None:
         options.sun = [SunOption(155.0, 32.0)]  # to the left of the preset's camera
     if options.samples is None:
         options.samples = 1  # a good picture of this data set, and nobody wants to wait for a first one
+    look = build_look(options, demo_view())
     particles = demo_particles()
     if options.output is None:
-        _serve_light(options, particles, None, view, particles)
+        _serve_light(options, particles, None, look, particles)
     else:
         check_output(options.output)
-        _draw(options, _scene(options, particles, view), view, {"file": "demo", "frame": 0})
+        _draw(options, look.scene(particles), look.view, {"file": "demo", "frame": 0})
 
 
-def open_series(options: argparse.Namespace) -> tuple[Series, int]:
-    """Open the files and choose the frame."""
+def open_series(options: argparse.Namespace, wanted: int | None = None) -> tuple[Series, int]:
+    """Open the files and choose the frame: the one asked for, else that of a saved view, else the first with particles."""
     import luxel.io
 
     files = options.file
@@ -180,6 +177,10 @@ def open_series(options: argparse.Namespace) -> tuple[Series, int]:
     if options.frame is not None:
         series[options.frame]  # a frame that is not there is an error now
         return series, options.frame % len(series)
+    if wanted is not None:
+        if wanted < len(series):
+            return series, wanted
+        say(f"note: the saved view is of frame {wanted}, and there are {len(series)} frames here")
     frame = series.first_frame()
     if frame:
         say(
@@ -203,6 +204,9 @@ def _open_if_baked(options: argparse.Namespace) -> Baked | None:
     refused = given_light(options)
     if getattr(options, "light", "texture") != "texture":
         refused.append("--light")
+    for name in ("cut", "select"):
+        if getattr(options, f"{name}_light", None) == "opens":
+            refused.append(f"--{name}-light opens")
     if options.radius is not None:
         refused.append("--radius")
     if refused:
@@ -213,10 +217,19 @@ def _open_if_baked(options: argparse.Namespace) -> Baked | None:
     return baked
 
 
-def _stored_view(baked: Baked) -> View:
+def _stored_look(options: argparse.Namespace, baked: Baked) -> SavedView:
+    """Return the view that options ask for, under the light of the store."""
+    from luxel.scene.saved import SavedView
     from luxel.scene.view import View
 
-    return View(up=baked.settings.up)
+    look = build_look(options, View(up=baked.settings.up), rule="keeps")
+    view, frame = look.view, look.frame if options.frame is None else options.frame
+    if look.light is not None and look.light.conditions:
+        say(
+            "note: what the saved view hides from light too is only left out of the picture: this light is baked in"
+        )
+        view = view.with_changes(hide=(*view.conditions, *look.light.conditions))
+    return SavedView(view, None, frame)
 
 
 def _draw(
@@ -232,9 +245,10 @@ def _draw(
     particles = scene.particles
     lit: dict[str, Any] = {"textures": textures}
     if textures is None:
+        fill_light(options)
         if options.light == "texture":  # refuses bad values before the work
             texture_spec(options)
-        say_if_dark(options)
+        say_if_dark(scene)
         names = ("light", "samples", "mode", "mapping", "seed")
         lit = {name: getattr(options, name) for name in names}
     view = _ready(options, view, particles, options.size)
@@ -262,7 +276,7 @@ def _draw(
                     "model": scene.model,
                     "light": options.light,
                     "seconds": round(taken, 3),
-                    "view": view.with_changes(camera=view.camera_for(particles, options.size)).to_json(),
+                    "view": _saved(options, scene, view, origin).to_json(),
                 },
                 ensure_ascii=False,
                 indent=2,
@@ -274,30 +288,28 @@ def _draw(
         )
 
 
+def _saved(options: argparse.Namespace, scene: Scene, view: View, origin: dict[str, Any]) -> SavedView:
+    """Return what draws the same picture again."""
+    from luxel.scene.saved import Lighting, SavedView
+
+    view = view.with_changes(camera=view.camera_for(scene.particles, options.size))
+    return SavedView(view, Lighting.of(scene), origin["frame"])
+
+
 def _serve_light(
     options: argparse.Namespace,
     target: Series | Particles,
     frame: int | None,
-    view: View,
+    look: SavedView,
     particles: Particles,
 ) -> None:
     from luxel.session import Session
 
+    fill_light(options)
     spec = texture_spec(options)
-    view = _ready(options, view, particles)
-    session = Session(
-        target,
-        frame=frame,
-        lights=build_lights(options, view.up),
-        model=options.model,
-        albedo=options.albedo,
-        ao_distance=options.ao_distance,
-        periodic=options.periodic or "",
-        spec=spec,
-        view=view,
-        threads=options.threads,
-    )
-    say_if_dark(options)
+    view = _ready(options, look.view, particles)
+    session = Session(target, frame=frame, lighting=look.light, spec=spec, view=view, threads=options.threads)
+    say_if_dark(session.scene)
     _serve(options, session, view)
 
 
@@ -323,21 +335,9 @@ def _ready(
     view = aim(options, view, particles, size)
     if view.color_by is not None:
         view.scalar_range(particles)
+    view.hidden(particles)
     say_if_cold()
     return view
-
-
-def _scene(options: argparse.Namespace, particles: Particles, view: View) -> Scene:
-    from luxel.scene.scene import Scene
-
-    return Scene(
-        particles,
-        lights=build_lights(options, view.up),
-        model=options.model,
-        albedo=options.albedo,
-        ao_distance=options.ao_distance,
-        periodic=options.periodic or "",
-    )
 
 
 def texture_spec(options: argparse.Namespace) -> TextureSpec:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from luxel.errors import FormatError, InputError, MissingFileError
-
 if TYPE_CHECKING:
     from luxel.particles import Particles
     from luxel.scene.camera import Camera
+    from luxel.scene.hiding import Condition
     from luxel.scene.lights import Light
+    from luxel.scene.saved import SavedView
     from luxel.scene.view import View
 
 __all__ = [
@@ -23,6 +22,7 @@ __all__ = [
     "add_light_options",
     "add_scene_options",
     "build_lights",
+    "build_look",
     "build_view",
     "fill_light",
     "given_light",
@@ -38,7 +38,9 @@ MODES = ("fast", "paper")
 MAPPINGS = ("latlong", "octahedral")
 # Options of light are None unless they are given, so that they can be refused where the light is baked in.
 _LIGHT_DEFAULTS = {"model": "interreflection", "mode": "fast", "mapping": "latlong", "albedo": 0.7, "seed": 0}
-_LIGHT_OPTIONS = (*_LIGHT_DEFAULTS, "samples", "sun", "sky", "ao_distance", "periodic")
+_LIGHT_OPTIONS = (*_LIGHT_DEFAULTS, "samples", "sun", "sky", "ao_distance", "periodic", "radius_scale")
+# Whether what is hidden still casts shadows and bounces light.
+HIDDEN_LIGHT = ("keeps", "opens")
 _LARGEST_SIZE = 16_384
 _NUMBER = re.compile(r"-\.?\d")
 
@@ -181,6 +183,31 @@ def _add_view_options(parser: argparse.ArgumentParser) -> None:
         "--elevation", type=number, metavar="DEG", help="camera's height above the horizon (default: 25)"
     )
     look.add_argument("--orthographic", action="store_true", help="parallel projection")
+    _add_hiding_options(parser)
+
+
+def _add_hiding_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("which particles, and how large")
+    group.add_argument(
+        "--cut",
+        action="append",
+        metavar="PLANE",
+        help="hide particles beyond a plane, such as 'x>0.5', 'z<-2' or '1,1,0>3'; may be repeated",
+    )
+    group.add_argument(
+        "--cut-light",
+        choices=HIDDEN_LIGHT,
+        help="opens: light falls into the cut; keeps: what is cut away still casts shadows, light stays as it is"
+        " (default: opens, keeps where the light is baked in)",
+    )
+    group.add_argument(
+        "--select",
+        action="append",
+        metavar="RANGE",
+        help="show only particles with these values, such as 'stress>1e6', 'type=2' or '0.1<density<0.9'; may be repeated",
+    )
+    group.add_argument("--select-light", choices=HIDDEN_LIGHT, help="the same for what is not selected")
+    group.add_argument("--radius-scale", type=number, metavar="F", help="factor on all radii (default: 1)")
 
 
 def add_up_option(group: argparse._ActionsContainer) -> None:
@@ -213,25 +240,76 @@ def picture_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def build_lights(options: argparse.Namespace, up: str) -> tuple[Light, ...]:
-    """Return the lights: a given sky or sun replaces that default light only."""
+def build_lights(
+    options: argparse.Namespace, up: str, base: Sequence[Light] | None = None
+) -> tuple[Light, ...]:
+    """Return the lights: a given sky or sun replaces that light of `base`, or of the default lights, only."""
     from luxel.scene.lights import Sky, Sun, default_lights, sun_direction, up_frame
 
-    sky, sun = default_lights(up)  # type: ignore[arg-type]
-    lights: list[Light] = []
-    if options.sky is None:
-        lights.append(sky)
-    elif any(options.sky):  # a negative level is refused by Sky
-        level, *ground = options.sky
-        lights.append(Sky(level, ground[0] if ground else None, axis=up_frame(up)[2]))  # type: ignore[arg-type]
-    if options.sun is None:
-        lights.append(sun)
-    else:
+    lights = list(default_lights(up) if base is None else base)  # type: ignore[arg-type]
+    if options.sky is not None:
+        lights = [light for light in lights if not isinstance(light, Sky)]
+        if any(options.sky):  # a negative level is refused by Sky
+            level, *ground = options.sky
+            axis = up_frame(up)[2]  # type: ignore[arg-type]
+            lights.insert(0, Sky(level, ground[0] if ground else None, axis=axis))
+    if options.sun is not None:
+        lights = [light for light in lights if not isinstance(light, Sun)]
         for given in options.sun:
             if given is not None:
                 direction = sun_direction(given.azimuth, given.elevation, up)  # type: ignore[arg-type]
                 lights.append(Sun(direction, given.level, given.diameter))
     return tuple(lights)
+
+
+def build_look(options: argparse.Namespace, base: View | None = None, *, rule: str = "opens") -> SavedView:
+    """Return view and light that options ask for, on top of ``--view``'s; the frame is that of ``--view``.
+
+    Parameters
+    ----------
+    options
+        Parsed by :func:`add_scene_options`.
+    base
+        As of :func:`build_view`.
+    rule
+        What ``--cut-light`` and ``--select-light`` say where they are not given.
+    """
+    from luxel.scene.saved import Lighting, SavedView
+
+    loaded = None if options.view_file is None else SavedView.load(options.view_file)
+    saved = loaded or SavedView(base or _default_view())
+    view = build_view(options, saved.view)
+    before = saved.light or Lighting()
+    names = ("model", "albedo", "ao_distance", "periodic", "radius_scale")
+    changes = {name: value for name in names if (value := getattr(options, name, None)) is not None}
+    kept, opened = _conditions(options, rule)
+    light = before.with_changes(
+        lights=build_lights(options, view.up, before.lights),
+        hide=(*before.conditions, *opened),
+        **changes,
+    )
+    return SavedView(view.with_changes(hide=(*view.conditions, *kept)), light, saved.frame)
+
+
+def _default_view() -> View:
+    from luxel.scene.view import View
+
+    return View()
+
+
+def _conditions(options: argparse.Namespace, rule: str) -> tuple[list[Condition], list[Condition]]:
+    """Return what ``--cut`` and ``--select`` hide: without change of light, and from light too."""
+    from luxel.scene.hiding import Cut, Select
+
+    kept: list[Condition] = []
+    opened: list[Condition] = []
+    for kind, texts, given in (
+        (Cut, options.cut, options.cut_light),
+        (Select, options.select, options.select_light),
+    ):
+        found = opened if (given or rule) == "opens" else kept
+        found += [kind.parse(text) for text in texts or ()]
+    return kept, opened
 
 
 def build_view(options: argparse.Namespace, base: View | None = None) -> View:
@@ -242,13 +320,9 @@ def build_view(options: argparse.Namespace, base: View | None = None) -> View:
     options
         Parsed by :func:`add_scene_options`.
     base
-        What applies where neither an option nor ``--view`` says otherwise; None means the defaults.
+        What applies where no option says otherwise; None means the defaults.
     """
-    from luxel.scene.view import View
-
-    view = base or View()
-    if options.view_file is not None:
-        view = View.from_json(_load_json(options.view_file))
+    view = base or _default_view()
     changes: dict[str, Any] = {}
     for name in ("color_by", "colormap", "log", "background", "exposure", "up"):
         if getattr(options, name) is not None:
@@ -277,18 +351,6 @@ def aim(options: argparse.Namespace, view: View, particles: Particles, size: tup
         particles.bounds, up=view.up, aspect=size[0] / size[1], orthographic=options.orthographic, **angles
     )
     return view.with_changes(camera=camera)
-
-
-def _load_json(path: str) -> Any:
-    try:
-        with open(path, encoding="utf-8") as file:
-            return json.load(file)
-    except FileNotFoundError:
-        raise MissingFileError(f"{path}: no such view file") from None
-    except (ValueError, RecursionError) as error:
-        raise FormatError(path, f"this is no view: {error}", remedy="save one in the viewer") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot read it ({error.strerror})") from None
 
 
 def number(text: str) -> float:

@@ -5,7 +5,7 @@ Positions, radii and eyes travel in normalised units (:class:`luxel.trace.sphere
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -20,32 +20,40 @@ __all__ = [
     "SUBPROTOCOL",
     "ClientMessage",
     "Coarse",
+    "CodecState",
     "Colormap",
     "ColormapRequest",
     "Confirm",
     "Error",
     "Geometry",
     "Hello",
+    "Inspect",
     "LightState",
+    "LoadView",
     "Message",
+    "ParticleState",
+    "Payload",
     "Report",
     "Scalar",
     "ScalarRequest",
     "SceneState",
     "SetFrame",
     "SetLight",
+    "SetView",
     "Sighted",
     "Status",
     "Tiles",
+    "ViewState",
     "decode",
     "decode_client",
 ]
 
-SUBPROTOCOL = "luxel.v2"
+SUBPROTOCOL = "luxel.v3"
 #: Longest message that a client may send: the ids of two million visible particles.
 CLIENT_BYTES_MAX = 8 << 20
 _TEXT_MAX = 4000
 _NAME_MAX = 500
+_LIST_MAX = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +108,18 @@ class Sighted(Message):
 
 @dataclass(frozen=True, eq=False)
 class Confirm(Message):
-    """The page has taken in `batches` tile messages and `coarse` messages of first light since it connected."""
+    """The page has taken in so many messages since it connected.
+
+    Parameters
+    ----------
+    batches, coarse, parts
+        Of tiles, of first light, and of baked textures.
+    """
 
     kind: ClassVar[int] = 3
     batches: int
     coarse: int
+    parts: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +134,12 @@ class SetLight(Message):
         Level.
     sun
         Azimuth and elevation in degrees, level, angular diameter in degrees.
+    up
+        The axis that azimuth and elevation, and a sky's gradient, go by; None means that of the session's view.
+    hide
+        As of :class:`luxel.Scene`, in JSON.
+    radius_scale
+        Factor on all radii.
     """
 
     kind: ClassVar[int] = 4
@@ -126,6 +147,9 @@ class SetLight(Message):
     albedo: float | None = None
     sky: float | None = None
     sun: tuple[float, float, float, float] | None = None
+    up: str | None = None
+    hide: Sequence[Any] | None = None
+    radius_scale: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +184,30 @@ class Report(Message):
     text: str
 
 
+@dataclass(frozen=True, eq=False)
+class SetView(Message):
+    """How the page looks at the particles now, as of ``View.to_json()``, in file units."""
+
+    kind: ClassVar[int] = 40
+    view: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class LoadView(Message):
+    """Show a saved view, as of ``SavedView.to_json()``; the server answers with a `ViewState`."""
+
+    kind: ClassVar[int] = 41
+    saved: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Inspect(Message):
+    """Tell everything about one particle."""
+
+    kind: ClassVar[int] = 42
+    id: int
+
+
 # From the server ----------------------------------------------------------------------------------------------------
 
 
@@ -180,9 +228,11 @@ class SceneState(Message):
     texels, mapping
         Rows and columns of a tile, and how they map to directions, see :class:`luxel.TextureSpec`.
     scalars
-        For each scalar ``{"name": ..., "labels": [...] or None}``.
+        For each scalar ``{"name": ..., "labels": [...] or None, "colors": whether its components can be shown as colours}``.
     view
-        As of ``View.to_json()``, with the camera in normalised units.
+        As of ``View.to_json()``, in file units.
+    light_fixed
+        Whether the light is baked in, so that nobody can change it.
     """
 
     kind: ClassVar[int] = 16
@@ -201,6 +251,7 @@ class SceneState(Message):
     colormaps: tuple[str, ...]
     models: tuple[str, ...]
     view: Mapping[str, Any]
+    light_fixed: bool = False
     notice: str = ""
 
 
@@ -224,8 +275,8 @@ class LightState(Message):
         (S, 5) centre, radius, level.
     quads
         (S, 14) corner, two edges, normal, area, level.
-    controls
-        What the sliders show: sky level, sun azimuth, elevation, level, diameter; None where there is no such light.
+    lighting
+        All of it as of ``Lighting.to_json()``, in file units.
     """
 
     kind: ClassVar[int] = 17
@@ -238,7 +289,7 @@ class LightState(Message):
     suns: NDArray[np.float32]
     globes: NDArray[np.float32]
     quads: NDArray[np.float32]
-    controls: Mapping[str, float | None]
+    lighting: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,10 +392,109 @@ class Coarse(Message):
         return cls(key, ids, np.clip(records / np.float32(scale), -half, half).astype(np.float16))
 
 
-ClientMessage = Hello | Sighted | Confirm | SetLight | SetFrame | ScalarRequest | ColormapRequest | Report
+@dataclass(frozen=True, eq=False)
+class CodecState(Message):
+    """Baked textures of the light `key` follow, as they are stored: the page decodes them and asks for no light.
+
+    Parameters
+    ----------
+    description
+        What the codec says of itself.
+    particles, payload_bytes
+        How many, and bytes of a record; particle k has record k.
+    part
+        Records in a message; the last has what is left.
+    decoding
+        (256,) float32: luminance of each code.
+    codebook, offset, basis, center, count, scale, width, levels
+        What the codec's textures share, see :mod:`luxel.textures.codecs`; None where it has no such array.
+    """
+
+    kind: ClassVar[int] = 32
+    key: str
+    description: Mapping[str, Any]
+    particles: int
+    payload_bytes: int
+    part: int
+    decoding: NDArray[np.float32]
+    codebook: NDArray[np.uint8] | None = None
+    offset: NDArray[np.int32] | None = None
+    basis: NDArray[Any] | None = None
+    center: NDArray[np.int16] | None = None
+    count: NDArray[np.uint16] | None = None
+    scale: NDArray[np.float32] | None = None
+    width: NDArray[np.uint8] | None = None
+    levels: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Payload(Message):
+    """A part of the baked textures of the light `key`: (K, payload_bytes) uint8 records from particle `start` on."""
+
+    kind: ClassVar[int] = 33
+    key: str
+    start: int
+    records: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class ViewState(Message):
+    """Look at the particles like this from now on: as of ``View.to_json()``, in file units."""
+
+    kind: ClassVar[int] = 50
+    view: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class ParticleState(Message):
+    """Everything about one particle, as texts for people.
+
+    Parameters
+    ----------
+    position, radius
+        In file units.
+    values
+        Name and value of each scalar; components of vectors in one.
+    """
+
+    kind: ClassVar[int] = 51
+    epoch: int
+    id: int
+    position: str
+    radius: str
+    values: Sequence[tuple[str, str]]
+
+
+ClientMessage = (
+    Hello
+    | Sighted
+    | Confirm
+    | SetLight
+    | SetFrame
+    | ScalarRequest
+    | ColormapRequest
+    | Report
+    | SetView
+    | LoadView
+    | Inspect
+)
 _SERVER_KINDS: dict[int, type[Message]] = {
     each.kind: each
-    for each in (SceneState, LightState, Geometry, Scalar, Colormap, Tiles, Status, Error, Coarse)
+    for each in (
+        SceneState,
+        LightState,
+        Geometry,
+        Scalar,
+        Colormap,
+        Tiles,
+        Status,
+        Error,
+        Coarse,
+        CodecState,
+        Payload,
+        ViewState,
+        ParticleState,
+    )
 }
 
 
@@ -366,7 +516,7 @@ def decode_client(data: bytes) -> ClientMessage:
             eye = _numbers(head, "eye", 3)
             return Sighted(_text(head, "key", 128), _ids(arrays), (eye[0], eye[1], eye[2]))
         case Confirm.kind:
-            return Confirm(_whole(head, "batches"), _whole(head, "coarse"))
+            return Confirm(*(_whole(head, name) for name in ("batches", "coarse", "parts")))
         case SetLight.kind:
             sun = None if head.get("sun") is None else _numbers(head, "sun", 4)
             return SetLight(
@@ -374,6 +524,9 @@ def decode_client(data: bytes) -> ClientMessage:
                 None if head.get("albedo") is None else _number(head, "albedo"),
                 None if head.get("sky") is None else _number(head, "sky"),
                 None if sun is None else (sun[0], sun[1], sun[2], sun[3]),
+                None if head.get("up") is None else _text(head, "up", 8),
+                None if head.get("hide") is None else _list(head, "hide"),
+                None if head.get("radius_scale") is None else _number(head, "radius_scale"),
             )
         case SetFrame.kind:
             return SetFrame(_whole(head, "frame"))
@@ -383,6 +536,12 @@ def decode_client(data: bytes) -> ClientMessage:
             return ColormapRequest(_text(head, "name", _NAME_MAX))
         case Report.kind:
             return Report(_text(head, "text", _TEXT_MAX))
+        case SetView.kind:
+            return SetView(_object(head, "view"))
+        case LoadView.kind:
+            return LoadView(_object(head, "saved"))
+        case Inspect.kind:
+            return Inspect(_whole(head, "id"))
     raise ProtocolError(f"message of unknown kind {kind}")
 
 
@@ -432,6 +591,20 @@ def _text(head: Mapping[str, Any], name: str, length_max: int) -> str:
     value = head.get(name)
     if not isinstance(value, str) or len(value) > length_max:
         raise ProtocolError(f"{name!r} must be a text of at most {length_max} characters")
+    return value
+
+
+def _object(head: Mapping[str, Any], name: str) -> dict[str, Any]:
+    value = head.get(name)
+    if not isinstance(value, dict):
+        raise ProtocolError(f"{name!r} must be a JSON object")
+    return value
+
+
+def _list(head: Mapping[str, Any], name: str) -> list[Any]:
+    value = head.get(name)
+    if not isinstance(value, list) or len(value) > _LIST_MAX:
+        raise ProtocolError(f"{name!r} must be a list of at most {_LIST_MAX}")
     return value
 
 

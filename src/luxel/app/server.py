@@ -21,21 +21,31 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from luxel.app.bundle import CLIENT_FOLDER
 from luxel.app.hub import Hub, Page
-from luxel.app.protocol import CLIENT_BYTES_MAX, SUBPROTOCOL
+from luxel.app.limits import PAGES_MAX, Allowance
+from luxel.app.protocol import SUBPROTOCOL
 from luxel.errors import ProtocolError, SessionClosedError
 
-__all__ = ["CLIENT_FOLDER", "CLOSE_BAD_MESSAGE", "CLOSE_UNAUTHORISED", "CLOSE_WRONG_VERSION", "make_app"]
+__all__ = [
+    "CLOSE_BAD_MESSAGE",
+    "CLOSE_TOO_MANY",
+    "CLOSE_UNAUTHORISED",
+    "CLOSE_WRONG_VERSION",
+    "LOOPBACK",
+    "make_app",
+]
 
-CLIENT_FOLDER = Path(__file__).parent / "client"
 CLOSE_BAD_MESSAGE = 4400
 CLOSE_UNAUTHORISED = 4401
 CLOSE_WRONG_VERSION = 4406
+CLOSE_TOO_MANY = 4429
 
 _log = logging.getLogger(__name__)
 _CLOSE_GOING_AWAY = 1001
 _REASON_BYTES_MAX = 120  # a close frame holds 123
-_LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
+#: Hosts that only this machine reaches.
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 # Named here because the guess of `mimetypes` depends on the machine (on Windows, on its registry).
 _MEDIA_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
@@ -99,7 +109,7 @@ class _Guard:
     def __init__(self, app: ASGIApp, token: str, host: str) -> None:
         self._app = app
         self._token = token
-        self._hosts = _LOOPBACK | {host} if host in _LOOPBACK else None
+        self._hosts = LOOPBACK | {host} if host in LOOPBACK else None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
@@ -162,13 +172,19 @@ async def _serve(hub: Hub, websocket: WebSocket) -> None:
             websocket, offered, CLOSE_WRONG_VERSION, f"this server speaks {SUBPROTOCOL}; reload the page"
         )
         return
-    await websocket.accept(SUBPROTOCOL)
-    page = hub.join()
-    tasks = {
-        asyncio.create_task(_read(hub, page, websocket)),
-        asyncio.create_task(_write(hub, page, websocket)),
-    }
+    if len(hub.pages) >= PAGES_MAX:
+        await _refuse(
+            websocket, offered, CLOSE_TOO_MANY, f"{PAGES_MAX} pages are open already; close one and reload"
+        )
+        return
+    page = hub.join()  # before anything is awaited, so that the count above stays true
+    tasks: set[asyncio.Task[None]] = set()
     try:
+        await websocket.accept(SUBPROTOCOL)
+        tasks = {
+            asyncio.create_task(_read(hub, page, websocket)),
+            asyncio.create_task(_write(hub, page, websocket)),
+        }
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in done:
             await task
@@ -187,6 +203,8 @@ async def _serve(hub: Hub, websocket: WebSocket) -> None:
 
 
 async def _read(hub: Hub, page: Page, websocket: WebSocket) -> None:
+    allowance = Allowance()
+    clock = asyncio.get_running_loop().time
     while True:
         message = await websocket.receive()
         if message["type"] == "websocket.disconnect":
@@ -194,6 +212,8 @@ async def _read(hub: Hub, page: Page, websocket: WebSocket) -> None:
         data = message.get("bytes")
         if data is None:
             raise ProtocolError("messages must be binary")
+        if wait_s := allowance.spend(len(data), clock()):
+            await asyncio.sleep(wait_s)
         await hub.receive(page, data)
 
 
@@ -224,10 +244,6 @@ def _cookie_name(token: str) -> str:
 
 def _file(path: Path) -> FileResponse:
     return FileResponse(path, media_type=_MEDIA_TYPES[path.suffix])
-
-
-#: Longest message that uvicorn should take from a socket.
-SOCKET_BYTES_MAX = CLIENT_BYTES_MAX
 
 
 def _split(address: str) -> tuple[str, str | None]:

@@ -11,19 +11,32 @@ from typing import Any
 import numpy as np
 
 from luxel.app import protocol
+from luxel.arrays import as_colors
 from luxel.errors import InputError
 from luxel.light.lights import luminance_scale, pack_lights, scene_white
 from luxel.particles import Particles
 from luxel.scene.colormap import colormap_names
 from luxel.scene.lights import Light, Sky, Sun, Up, sun_direction, up_frame
-from luxel.scene.scene import MODELS, Scene
+from luxel.scene.saved import Lighting, SavedView
+from luxel.scene.scene import MODELS
 from luxel.scene.view import View
 from luxel.session import Session
 from luxel.textures.spec import light_key
 from luxel.textures.textures import decoding_table
 from luxel.trace.spheres import SphereSet
 
-__all__ = ["colormap", "geometry", "light_state", "lights_with", "scalar", "scene_state", "status", "view_of"]
+__all__ = [
+    "colormap",
+    "geometry",
+    "light_state",
+    "lights_with",
+    "particle",
+    "restore",
+    "scalar",
+    "scene_state",
+    "status",
+    "view_of",
+]
 
 _PART = 1 << 20  # particles in one geometry message: 16 MB
 
@@ -33,9 +46,34 @@ def view_of(session: Session) -> View:
     return session.view or View()
 
 
+def restore(session: Session, saved: SavedView) -> tuple[View, str]:
+    """Show the light and frame of a saved view; return what pages should show, and what they should know about it.
+
+    Raises
+    ------
+    LuxelError
+        If the particles lack a scalar that it names, or for a light that no scene takes; then nothing has changed.
+    """
+    view, frame, note = saved.view, saved.frame, ""
+    if frame is not None and frame >= len(session.series):
+        note = (
+            f"The saved view is of frame {frame}, and there are {len(session.series)} here: the frame stays."
+        )
+        frame = None
+    if session.light_fixed and saved.light is not None:
+        note = note or "The light of the saved view is left out: the light here is baked in."
+        view = view.with_changes(hide=(*view.conditions, *saved.light.conditions))
+    particles = session.particles if frame is None else session.series[frame]
+    if view.color_by is not None:
+        particles.scalar(view.color_by)
+    view.hidden(particles)
+    session.restore(saved.light, frame)
+    return view, note
+
+
 def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.SceneState:
     """Describe the data set, without its arrays."""
-    particles = session.particles
+    particles = session.particles.unscaled
     spheres = SphereSet.of(particles)
     names = [name for name in particles.names() if _drawable(particles, name)]
     return protocol.SceneState(
@@ -54,12 +92,14 @@ def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.Scen
             {
                 "name": name,
                 "labels": list(particles.categories[name]) if name in particles.categories else None,
+                "colors": _are_colors(particles, name),
             }
             for name in names
         ),
         colormaps=tuple(colormap_names()),
         models=MODELS,
-        view=_view_json(view_of(session), spheres),
+        view=view_of(session).to_json(),
+        light_fixed=session.light_fixed,
         notice=notice,
     )
 
@@ -79,13 +119,13 @@ def light_state(session: Session) -> protocol.LightState:
         suns=lights.suns,
         globes=lights.globes,
         quads=lights.quads,
-        controls=_controls(scene, view_of(session).up),
+        lighting=Lighting.of(scene).to_json(),
     )
 
 
 def geometry(particles: Particles, epoch: int) -> Iterator[protocol.Geometry]:
-    """Yield the particles in parts of bounded size."""
-    spheres = SphereSet.of(particles)
+    """Yield the particles in parts of bounded size, radii as they are in the file."""
+    spheres = SphereSet.of(particles.unscaled)
     for start in range(0, len(particles), _PART):
         part = slice(start, start + _PART)
         yield protocol.Geometry(epoch, start, spheres.centers[part], spheres.radii[part])
@@ -111,6 +151,39 @@ def scalar(particles: Particles, name: str, epoch: int) -> protocol.Scalar:
         view.with_changes(log=True).scalar_range(particles),
         values.dtype.kind in "iu",
     )
+
+
+def particle(particles: Particles, k: int, epoch: int) -> protocol.ParticleState:
+    """Describe particle `k`.
+
+    Raises
+    ------
+    InputError
+        If there is no such particle.
+    """
+    if not 0 <= k < len(particles):
+        raise InputError(f"no particle {k} — there are {len(particles)}, counted from 0")
+    values = []
+    for name, column in particles.scalars.items():
+        labels = particles.categories.get(name, ())
+        cells = np.atleast_1d(column[k])
+        code = int(cells[0]) if column.ndim == 1 and column.dtype.kind in "iu" else -1
+        text = labels[code] if 0 <= code < len(labels) else ", ".join(_number_text(cell) for cell in cells)
+        values.append((name, text))
+    position = particles.origin + particles.local[k]
+    return protocol.ParticleState(
+        epoch,
+        k,
+        ", ".join(f"{x:.7g}" for x in position),
+        _number_text(particles.radii[k]),
+        values,
+    )
+
+
+def _number_text(value: Any) -> str:
+    if isinstance(value, np.integer):
+        return str(value)
+    return "no data" if np.isnan(value) else f"{value:.6g}"
 
 
 def colormap(name: str) -> protocol.Colormap:
@@ -143,7 +216,7 @@ def lights_with(
 ) -> tuple[Light, ...]:
     """Return `lights` with a new sky level, and azimuth, elevation, level and diameter of the first sun.
 
-    Other lights stay. A sky with a gradient keeps the ratio of its two levels.
+    Other lights stay. A sky with a gradient keeps the ratio of its two levels, and turns with `up`.
 
     Raises
     ------
@@ -151,13 +224,15 @@ def lights_with(
         For values out of range.
     """
     changed = list(lights)
+    upwards = up_frame(up)[2]
     if sky is not None:
         old = next((light for light in lights if isinstance(light, Sky)), None)
         if old is None:
             changed.insert(0, Sky(sky))
         else:
             ground = None if old.ground is None else old.ground * sky / old.level if old.level > 0 else sky
-            changed[changed.index(old)] = replace(old, level=sky, ground=ground)
+            axis = old.axis if ground is None else upwards
+            changed[changed.index(old)] = replace(old, level=sky, ground=ground, axis=axis)
     if sun is not None:
         azimuth, elevation, level, diameter = sun
         if not -90.0 <= elevation <= 90.0:
@@ -171,38 +246,17 @@ def lights_with(
     return tuple(changed)
 
 
-def _controls(scene: Scene, up: Up) -> dict[str, float | None]:
-    sky = next((light for light in scene.sources if isinstance(light, Sky)), None)
-    sun = next((light for light in scene.sources if isinstance(light, Sun)), None)
-    found: dict[str, float | None] = {
-        "sky": None if sky is None else float(sky.level),
-        "azimuth": None,
-        "elevation": None,
-        "sun": None,
-        "diameter": None,
-    }
-    if sun is not None:
-        x, y, z = up_frame(up) @ np.asarray(sun.direction)
-        found["azimuth"] = round(math.degrees(math.atan2(y, x)) % 360.0, 6)
-        found["elevation"] = round(math.degrees(math.asin(min(1.0, max(-1.0, float(z))))), 6)
-        found["sun"] = float(sun.level)
-        found["diameter"] = float(sun.angular_diameter)
-    return found
-
-
-def _view_json(view: View, spheres: SphereSet) -> dict[str, Any]:
-    found = view.to_json()
-    camera = found["camera"]
-    if camera is not None:
-        for name in ("eye", "target"):
-            camera[name] = spheres.to_unit(camera[name]).tolist()
-        if camera["height"] is not None:
-            camera["height"] = spheres.length_to_unit(camera["height"])
-    return found
-
-
 def _drawable(particles: Particles, name: str) -> bool:
     return particles.scalar(name).dtype.kind in "fiu"
+
+
+def _are_colors(particles: Particles, name: str) -> bool:
+    """Whether a scalar can be shown as it is, see ``View.colormap``."""
+    try:
+        as_colors(particles.scalars.get(name, ()), len(particles))
+    except InputError:
+        return False
+    return True
 
 
 def _title(series: object) -> str:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from luxel.scene.scene import Scene
 
 __all__ = ["Progress", "say", "say_if_cold", "say_if_dark"]
 
@@ -27,10 +30,10 @@ def say_if_cold() -> None:
         compile_ahead()
 
 
-def say_if_dark(options: argparse.Namespace) -> None:
+def say_if_dark(light: argparse.Namespace | Scene) -> None:
     """Note that light cannot reach into a cell that repeats along all its vectors."""
-    closed = options.periodic == "xyz" and options.model != "lambertian"
-    if closed and not (options.model == "ao" and options.ao_distance is not None):
+    closed = light.periodic == "xyz" and light.model != "lambertian"
+    if closed and not (light.model == "ao" and light.ao_distance is not None):
         say(
             "note: neither sky nor sun reaches into a cell that repeats along all of x, y and z"
             " — leave one out, or use --model ao with --ao-distance"

@@ -10,27 +10,32 @@ import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
+from numpy.typing import ArrayLike
 
-from luxel.app.hub import Hub
+from luxel.app.hub import Hub, cold_notice
+from luxel.app.limits import PAGES_MAX
+from luxel.app.notebook import in_notebook, make_widget
 from luxel.app.protocol import CLIENT_BYTES_MAX
-from luxel.app.server import make_app
+from luxel.app.server import LOOPBACK, make_app
 from luxel.errors import InputError, LuxelError
-from luxel.kernels.jit import cold
+from luxel.scene.from_arrays import looked_at
 from luxel.scene.view import View
 from luxel.session import Session
 from luxel.textures.store.reader import Baked
 
-__all__ = ["Viewer", "view"]
+if TYPE_CHECKING:
+    from luxel.app.widget import ViewerWidget
+
+__all__ = ["Viewer", "make_session", "view"]
 
 _log = logging.getLogger(__name__)
 _START_TIMEOUT_S = 30.0
 _STOP_TIMEOUT_S = 5.0
-_COLD_NOTICE = "Compiling light kernels for this machine (once) …"
 
 
 class Viewer:
@@ -48,17 +53,24 @@ class Viewer:
         self.session = session
         self._owns_session = owns_session
         self._socket = _listen(host, port)
+        if host not in LOOPBACK:
+            _log.warning(
+                "serving on %s without encryption: whoever can read this network's traffic can read the address with its "
+                "token, and look — an SSH tunnel to 127.0.0.1 is safer",
+                host,
+            )
         token = secrets.token_urlsafe(24)
         bound = self._socket.getsockname()[1]
         shown = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(host, host)
         self.url = f"http://{f'[{shown}]' if ':' in shown else shown}:{bound}/?token={token}"
         config = uvicorn.Config(
-            make_app(Hub(session, _COLD_NOTICE if cold() else ""), token, host),
+            make_app(Hub(session, cold_notice()), token, host),
             log_config=None,
             log_level="warning",
             access_log=False,
             server_header=False,
             ws_max_size=CLIENT_BYTES_MAX,
+            limit_concurrency=4 * PAGES_MAX,
             ws_per_message_deflate=False,  # tiles hardly shrink, and packing them would cost the light a thread
             timeout_graceful_shutdown=1,
         )
@@ -114,6 +126,12 @@ def view(
     target: Any,
     view: View | None = None,
     *,
+    radii: ArrayLike | None = None,
+    colors: ArrayLike | str | None = None,
+    color_by: ArrayLike | str | None = None,
+    scalars: Mapping[str, ArrayLike] | None = None,
+    widget: bool | None = None,
+    height: int = 480,
     host: str = "127.0.0.1",
     port: int = 0,
     open_browser: bool = True,
@@ -121,18 +139,31 @@ def view(
     threads: int | None = None,
     announce: Callable[[str], None] | None = None,
     **session_options: Any,
-) -> Viewer:
-    """Show particles in a browser tab, with light that arrives while you look around.
+) -> Viewer | ViewerWidget:
+    """Show particles, with light that arrives while you look around: in a notebook's cell, elsewhere in a browser tab.
+
+    >>> luxel.view(positions, radii=0.5, color_by=temperature)
 
     Parameters
     ----------
     target
-        A file or pattern, a `Series`, `Particles`, a `Scene`, baked textures or their path, or a `Session` that is
-        already there.
+        A file or pattern, or a list of them, a `Series`, `Particles` or a list of them, a `Scene`, an (N, 3) array of
+        positions, baked textures or their path, or a `Session` that is already there.
     view
         Camera, colours and tone to start with; overrides the session's.
+    radii, colors, color_by, scalars
+        Of an array of positions, see :func:`luxel.scene.from_arrays.from_arrays`: radii (N,) or one number; sRGB colours
+        (N, 3), whole numbers 0..255 or others 0..1, which light makes brighter or darker without changing their hue;
+        values (N,) to be shown in the view's colour map; more named values to choose from. With anything else,
+        `color_by` is the name of one of its scalars.
+    widget
+        Whether to return a widget for a notebook, which needs no server and no port; None finds out where this runs.
+        What follows, but for `threads`, is then of no use.
+    height
+        Of the widget in pixels.
     host, port
-        Where to listen; port 0 takes a free one. Anyone who can reach the address and knows the token can look.
+        Where to listen; port 0 takes a free one. Anyone who can reach the address and knows the token can look; an address
+        beyond this machine is warned about.
     open_browser
         Open a tab, if this machine has a screen.
     block
@@ -146,22 +177,30 @@ def view(
 
     Returns
     -------
-    Viewer
-        Running, unless `block`.
+    Viewer or ViewerWidget
+        The viewer is running, unless `block`. The widget shows itself as the last value of a cell.
 
     Raises
     ------
     InputError
-        If the address cannot be listened on, or a `Session` is given together with options for a new one.
+        If the address cannot be listened on, a `Session` is given together with options for a new one, or arrays
+        have wrong shapes.
+    MissingExtraError
+        In a notebook, without ``luxel[jupyter]``.
     """
+    if widget is None:
+        widget = in_notebook()
+    target, view = looked_at(target, view, radii=radii, colors=colors, color_by=color_by, scalars=scalars)
     owned = not isinstance(target, Session)
     if not owned and (session_options or threads is not None):
         given = ", ".join([*session_options, *(["threads"] if threads is not None else [])])
         raise InputError(f"{given}: options for a new session, but a Session was given — set them there")
-    session = _make_session(target, view, threads, session_options) if owned else target
+    session = make_session(target, view, threads, session_options) if owned else target
     if not owned and view is not None:
         session.view = view
     try:
+        if widget:
+            return make_widget(session, height, owned)
         viewer = Viewer(session, host, port, owned)
     except LuxelError:
         if owned:
@@ -180,12 +219,19 @@ def view(
     return viewer
 
 
-def _make_session(target: Any, view: View | None, threads: int | None, options: dict[str, Any]) -> Session:
-    if isinstance(target, str | os.PathLike):
+def make_session(target: Any, view: View | None, threads: int | None, options: dict[str, Any]) -> Session:
+    """Return a session of whatever :func:`view` takes; `options` are those of :class:`luxel.Session`."""
+    if isinstance(target, str | os.PathLike) or (
+        isinstance(target, list | tuple) and isinstance(target[0], str)
+    ):
         from luxel.io import open as open_series
         from luxel.textures.store.reader import is_store, open_baked
 
-        target = open_baked(target) if is_store(target) else open_series(target)
+        target = (
+            open_baked(target)
+            if isinstance(target, str | os.PathLike) and is_store(target)
+            else open_series(target)
+        )
     if isinstance(target, Baked) and options:
         raise InputError(
             f"{', '.join(options)}: the light of {target.path} is baked in — bake again with another, or leave these out"

@@ -23,15 +23,18 @@ _HEADER = struct.Struct("<B3xI")
 _HEAD_BYTES_MAX = 1 << 20
 _DTYPES: dict[str, np.dtype[Any]] = {
     "u1": np.dtype("u1"),
+    "i1": np.dtype("i1"),
+    "u2": np.dtype("<u2"),
+    "i2": np.dtype("<i2"),
     "i4": np.dtype("<i4"),
     "f2": np.dtype("<f2"),
     "f4": np.dtype("<f4"),
 }
-_CODES = {("u", 1): "u1", ("i", 4): "i4", ("f", 2): "f2", ("f", 4): "f4"}
+_CODES = {(dtype.kind, dtype.itemsize): code for code, dtype in _DTYPES.items()}
 
 
 def pack(kind: int, head: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return one message as bytes; arrays may be uint8, int32, float16 or float32."""
+    """Return one message as bytes; arrays may be of 8- or 16-bit whole numbers, int32, float16 or float32."""
     listed = {}
     parts = []
     for name, array in arrays.items():

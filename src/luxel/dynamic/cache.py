@@ -1,43 +1,50 @@
-"""TextureCache: the luminance texture cache of paper 4.2."""
+"""TextureCache: the luminance texture cache of paper 4.2, decentralised as its section 5 asks for."""
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import threading
-import weakref
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.dynamic.pool import Reader, TilePool
+from luxel.dynamic.arena import NOBODY, SLOT_BYTES, Arena
+from luxel.dynamic.entries import (
+    DAWNING,
+    ENTRY_BYTES,
+    FAILED,
+    FULL,
+    LIT,
+    QUEUED,
+    Counts,
+    Entries,
+    grade_of,
+    work_of,
+)
+from luxel.dynamic.shard import Shard, kept_slots
+from luxel.dynamic.sightings import Ids, Sighting, by_shard, shard_of
+from luxel.dynamic.slot_table import SlotTable
 from luxel.errors import InputError
 from luxel.light.mapping import Mapping
-from luxel.textures.textures import NO_COARSE, Encoding, TextureTable, decoding_table
+from luxel.textures.textures import FIRST_LIGHT, NO_COARSE, Encoding, TextureTable, decoding_table
 
-__all__ = ["BAKING", "FAILED", "MISSING", "QUEUED", "READY", "CacheStats", "Counts", "TextureCache"]
+__all__ = ["CacheStats", "TextureCache", "bytes_for"]
 
-Ids = NDArray[np.int32]
-
-MISSING, QUEUED, BAKING, READY, FAILED = range(5)
-_STATE_COUNT = 5
-
-# Evicting costs a look at every slot: when the cache is full, this share of it goes at once.
-_EVICTION_SHARE = 1 / 32
-# A particle of a light key costs 5 bytes of bookkeeping even without a tile, so old keys are dropped.
+# What a particle's tables cost: coarse record, a copy of its slot for frames.
+_COARSE_BYTES, _COPY_BYTES = 16, 4
+_MOST_COPIES, _LEAST_COPIES = 3, 2
 _MAX_LIGHTS = 16
-_COARSE_BYTES = 16
-
-
-@dataclass(frozen=True)
-class Counts:
-    """How many particles of one light key are in each state."""
-
-    missing: int = 0
-    queued: int = 0
-    baking: int = 0
-    ready: int = 0
-    failed: int = 0
+# Set aside for them: room for so many light keys, but no more than a quarter of the budget, unless one key needs that.
+_LIGHT_BYTES = ENTRY_BYTES + _LEAST_COPIES * _COPY_BYTES
+_OTHER_BYTES = ENTRY_BYTES + _COPY_BYTES
+_ALL_BYTES = _LIGHT_BYTES + _COPY_BYTES + _COARSE_BYTES + (_MAX_LIGHTS - 1) * _OTHER_BYTES
+# Fewer particles, or room for fewer textures, are not worth several locks.
+_SHARDED_COUNT = 16_384
+_SHARDS = 8
 
 
 @dataclass(frozen=True)
@@ -47,354 +54,443 @@ class CacheStats:
     Parameters
     ----------
     hits, misses
-        Sighted particles that had a tile, and that had none.
-    published
-        Tiles stored.
+        Sighted particles that had a texture, and that had none.
+    queued
+        Requests taken in.
+    ready
+        Textures stored where there was none.
+    refined
+        Textures stored in place of others.
     evicted
-        Tiles given up to make room.
+        Textures given up to make room.
     dropped
-        Finished tiles that found no room, or whose light key was gone.
+        Finished textures that found no room, or whose light key was gone.
+    textures
+        Textures held now.
     nbytes
-        Bytes of the tiles and coarse records held now.
+        Bytes of these textures, of their slots and of all tables of particles.
     """
 
     hits: int = 0
     misses: int = 0
-    published: int = 0
+    queued: int = 0
+    ready: int = 0
+    refined: int = 0
     evicted: int = 0
     dropped: int = 0
+    textures: int = 0
     nbytes: int = 0
 
 
-@dataclass(eq=False)
-class _Light:
-    """Everything about one light key. `number` names it in the pool, where it is never reused."""
-
-    key: str
-    number: int
-    decoding: NDArray[np.float32]
-    state: NDArray[np.uint8]
-    slot: Ids
-    counts: NDArray[np.int64]
-    coarse: NDArray[np.float32] = field(default_factory=lambda: NO_COARSE)
-    table: TextureTable | None = None  # what snapshot() gave last, while it is still true
-    readers: list[Reader] = field(default_factory=list)
-
-
 class TextureCache:
-    """Keeps finished tiles within a byte budget, and knows the state of every particle's texture.
+    """Keeps finished textures within a byte budget, and knows the state of every particle's texture.
 
-    An entry is named by (light key, particle id) and goes missing → queued → baking → ready. Ready entries are
-    evicted in the order in which they were seen last, and never while the latest sighting of some client shows them.
-    A sighting is what :meth:`see` is told; a tile also counts as seen when it is published.
+    An entry is named by (light key, particle id) and goes missing → queued → baking → ready, and on to refining and
+    ready again when its first texture was an estimate. What was seen longest ago is evicted first, and never what the latest
+    sighting of some client shows. A sighting is what :meth:`see` is told; a texture also counts as seen when it is published.
 
-    The coarse records of the light key begun last are kept too, 16 bytes for each of its particles, unless that is more than half
-    of the budget.
+    *Budget.* Memory for textures is one block, reserved with the first light key and taken from the system as slots are first
+    written, never more; what tables of particles need is set aside before (states, slots, copies of these for frames, coarse records
+    of the light key begun last). Where that is too little, old light keys are dropped, then coarse records done without.
 
-    Safe to use from several threads: the cache owns its lock, takes it within each method and calls nobody else
-    while it holds it. There is no thread and no clock inside.
+    *Threads.* Particles are spread over shards, each with slots and a lock of its own, held for one method of one
+    shard at a time. :meth:`see` and :meth:`snapshot`, which frames call, take none of these locks: what they read is written so that it
+    can be read at any time. A sighting protects from its end on against evictions that begin later. There is no thread and no clock inside.
 
     Parameters
     ----------
     texels
-        Rows and columns of every tile.
+        Rows and columns of every texture.
     max_bytes
-        Budget for texels and coarse records; at least one tile is kept.
+        Budget, see :func:`bytes_for`.
     mapping
         From texels to directions, for renderers.
+    shards
+        A power of two up to 256; None means 1 for few particles or little room, else 8.
     """
 
-    def __init__(self, texels: int = 16, max_bytes: int = 256 << 20, mapping: Mapping = "latlong") -> None:
+    def __init__(
+        self,
+        texels: int = 16,
+        max_bytes: int = 256 << 20,
+        mapping: Mapping = "latlong",
+        shards: int | None = None,
+    ) -> None:
         if texels < 1 or max_bytes < 1:
             raise InputError(f"a cache needs texels >= 1 and max_bytes >= 1, got {texels} and {max_bytes}")
+        if shards is not None and not (1 <= shards <= 256 and shards & (shards - 1) == 0):
+            raise InputError(f"shards must be a power of two in 1..256, got {shards}")
         self.texels = texels
         self.max_bytes = max_bytes
         self.mapping: Mapping = mapping
-        self._lock = threading.Lock()
-        self._pool = TilePool(texels, self._tile_count(max_bytes))
-        self._lights: dict[str, _Light] = {}  # in the order of their latest begin()
-        self._by_number: dict[int, _Light] = {}
+        self.sightings: dict[str, Sighting] = {}  # the latest of every client; written by frames
+        self.version = 0  # changes with every sighting
+        self._shard_count = shards
+        self._numbers = itertools.count(1)
+        self._number = 0
+        self._lock = threading.Lock()  # of those who begin light keys
+        self._seen_lock = threading.Lock()  # of those who see, about the next two
+        self._hits = self._misses = 0
+        self._arena: Arena | None = None
+        self._shards: tuple[Shard, ...] = ()
+        self._set_aside = 0  # bytes for tables of particles
+        self._lights: dict[str, Entries] = {}  # in the order of their latest begin()
+        self._by_number: dict[int, Entries] = {}
         self._light_count = 0
-        self._sightings: dict[str, tuple[_Light, Ids]] = {}
-        self._sighting_count = 0
-        self._hits = self._misses = self._published = self._evicted = self._dropped = 0
 
     @property
     def capacity(self) -> int:
-        """Tiles that the budget holds besides the coarse records."""
-        return self._pool.capacity
+        """Textures that may be kept for as long as somebody looks at them; 0 before the first light key."""
+        return sum(shard.capacity for shard in self._shards)
 
-    def begin(self, key: str, count: int, scale: float, encoding: Encoding) -> None:
+    @property
+    def shards(self) -> tuple[Shard, ...]:
+        """All shards; none before the first light key."""
+        return self._shards
+
+    def begin(self, key: str, count: int, scale: float, encoding: Encoding) -> Entries:
         """Make room for a light key with `count` particles whose codes mean `scale` and `encoding`.
 
-        Doing so again only marks the key as recently used. Coarse records of all other keys are dropped.
+        Doing so again only marks the key as recently used. Coarse records of all other keys are forgotten.
 
         Raises
         ------
         InputError
-            If the key is there with another particle count or decoding.
+            If the key is there with another particle count or decoding, or the budget is too small for so many particles.
         """
         decoding = decoding_table(scale, encoding)
         with self._lock:
-            light = self._lights.pop(key, None)
-            if light is None:
-                state = np.zeros(count, dtype=np.uint8)
-                slot = np.full(count, -1, dtype=np.int32)
-                counts = np.array([count, 0, 0, 0, 0], dtype=np.int64)
-                light = _Light(key, self._light_count, decoding, state, slot, counts)
-                self._by_number[light.number] = light
-                self._light_count += 1
-            self._lights[key] = light
-            if len(light.state) != count or not np.array_equal(light.decoding, decoding):
+            light = self._lights.get(key)
+            if light is not None and (
+                len(light.state) != count or not np.array_equal(light.decoding, decoding)
+            ):
                 raise InputError(
                     f"light key {key} already names {len(light.state)} particles with another decoding, got {count} "
                     "— a light key must cover all that light depends on"
                 )
-            while len(self._lights) > _MAX_LIGHTS:
-                self._drop(next(iter(self._lights.values())))
-            for other in self._lights.values():
-                if other is not light and len(other.coarse):
-                    other.coarse, other.table = NO_COARSE, None
-            reserved = _COARSE_BYTES * count if self._affords_coarse(light) else 0
-            self._pool.capacity = self._tile_count(self.max_bytes - reserved)
-            self._evict(len(self._pool.used()) - self.capacity)
-
-    def see(self, key: str, ids: Ids, client: str = "") -> NDArray[np.bool_]:
-        """Note the latest sighting of a client; return (K,) True where a tile should be requested.
-
-        That is where the entry is missing or waits in the queue (a new sighting may move it forward). Entries being
-        baked, ready or failed need no request, and those of an unknown key get none.
-
-        Parameters
-        ----------
-        key
-            The light key that the client shows.
-        ids
-            (K,) int32, all particles that it sees now; these are safe from eviction until its next sighting.
-        client
-            Any name; :meth:`forget` ends its protection.
-        """
-        with self._lock:
-            light = self._lights.get(key)
+            self._reserve(count)
             if light is None:
-                return np.zeros(len(ids), dtype=bool)
-            self._sighting_count += 1
-            self._sightings[client] = (light, ids.copy())
-            state = light.state[ids]
-            ready = state == READY
-            self._pool.seen[light.slot[ids[ready]]] = self._sighting_count
-            hits = int(np.count_nonzero(ready))
+                state, table = np.zeros(count, np.uint8), SlotTable(count)
+                counts = np.zeros((len(self._shards), 16), np.int64)
+                counts[:, 0] = _population(count, len(self._shards))
+                light = Entries(key, self._light_count, decoding, state, table, counts)
+                self._light_count += 1
+                self._by_number[light.number] = light
+            others = {name: other for name, other in self._lights.items() if other is not light}
+            self._lights = {**others, key: light}
+            self._share_out(light, list(others.values()))
+            return light
+
+    def light(self, key: str) -> Entries | None:
+        """Return the entries of a light key, None if it is unknown."""
+        return self._lights.get(key)
+
+    def see(self, sighting: Sighting) -> int:
+        """Note the latest sighting of a client; return for how many particles something may be left to do.
+
+        Its particles are safe from eviction until the client's next sighting or :meth:`forget`. Takes no lock that others
+        hold for long.
+        """
+        light = self._lights.get(sighting.key)
+        if light is None:
+            return 0
+        ids = sighting.ids
+        self.sightings[sighting.client] = sighting
+        self.version = self.next_number()
+        self._number = sighting.number
+        slots = light.table.live.take(ids)
+        there = slots >= 0
+        arena = self._arena
+        assert arena is not None  # there is a light key
+        # A slot may change hands between the two lines: then another texture counts as seen, which does no harm.
+        arena.seen[slots[there]] = sighting.number
+        hits = int(np.count_nonzero(there))
+        with self._seen_lock:
             self._hits += hits
             self._misses += len(ids) - hits
-            return state <= QUEUED
+        state = light.state.take(ids)
+        return int(np.count_nonzero((grade_of(state) < FULL) & (work_of(state) <= QUEUED)))
+
+    def next_number(self) -> int:
+        """Return a number that was not there before, for a sighting."""
+        return next(self._numbers)
 
     def forget(self, client: str) -> None:
         """Stop protecting what a client saw."""
-        with self._lock:
-            self._sightings.pop(client, None)
+        self.sightings.pop(client, None)
+        self.version = self.next_number()
 
     def room(self) -> int:
-        """Tiles that could still be stored without giving up any that a latest sighting shows."""
-        with self._lock:
-            baking = sum(int(light.counts[BAKING]) for light in self._lights.values())
-            return max(0, self.capacity - int(np.count_nonzero(self._protected())) - baking)
+        """Textures that could still be stored without giving up any that a latest sighting shows."""
+        return sum(shard.room() for shard in self._shards)
 
-    def mark_queued(self, key: str, ids: Ids) -> None:
-        """Move missing entries to queued; others stay."""
-        self._mark(key, ids, (MISSING,), QUEUED)
+    def mark_queued(self, light: Entries, ids: Ids) -> NDArray[np.bool_]:
+        """Move idle entries to queued; return (K,) bool, which of `ids` these were."""
+        moved = np.zeros(len(ids), np.bool_)
+        for shard, place in self._split(ids):
+            moved[place] = shard.mark_queued(light, ids[place])
+        return moved
 
-    def mark_baking(self, key: str, ids: Ids) -> None:
-        """Move missing and queued entries to baking; others stay."""
-        self._mark(key, ids, (MISSING, QUEUED), BAKING)
+    def mark_baking(self, light: Entries, ids: Ids) -> NDArray[np.bool_]:
+        """Move queued entries to baking; return (K,) bool, which of `ids` these were."""
+        moved = np.zeros(len(ids), np.bool_)
+        for shard, place in self._split(ids):
+            moved[place] = shard.mark_baking(light, ids[place])
+        return moved
 
-    def release(self, key: str, ids: Ids) -> None:
-        """Move queued and baking entries back to missing; others stay."""
-        self._mark(key, ids, (QUEUED, BAKING), MISSING)
+    def mark_dawning(self, light: Entries, ids: Ids) -> NDArray[np.bool_]:
+        """Note that first light is being made; return (K,) bool, which of `ids` had none and were not being made."""
+        moved = np.zeros(len(ids), np.bool_)
+        for shard, place in self._split(ids):
+            moved[place] = shard.mark_dawning(light, ids[place])
+        return moved
 
-    def fail(self, key: str, ids: Ids) -> None:
-        """Give entries up for good: they are never requested again under this key; ready ones stay."""
-        self._mark(key, ids, (MISSING, QUEUED, BAKING), FAILED)
+    def release_dawning(self, light: Entries, ids: Ids) -> None:
+        """Note that first light is not being made after all."""
+        for shard, place in self._split(ids):
+            shard.release_dawning(light, ids[place])
 
-    def publish(self, key: str, ids: Ids, codes: NDArray[np.uint8]) -> int:
-        """Store finished tiles, evicting others where needed; return how many found room.
+    def release(self, light: Entries, ids: Ids) -> None:
+        """Move queued and baking entries back to idle; others stay."""
+        for shard, place in self._split(ids):
+            shard.release(light, ids[place])
 
-        Publishing a ready entry again replaces its tile; snapshots taken before keep the old one.
+    def fail(self, light: Entries, ids: Ids) -> None:
+        """Give queued and baking entries up: nothing better is requested for them under this key."""
+        for shard, place in self._split(ids):
+            shard.release(light, ids[place], FAILED)
+
+    def publish(
+        self, light: Entries, ids: Ids, codes: NDArray[np.uint8], grade: int = FULL
+    ) -> NDArray[np.bool_]:
+        """Store finished textures, evicting others where needed; return (K,) bool, which of `ids` found room.
+
+        Publishing an entry again replaces its texture; snapshots taken before keep the old one.
 
         Parameters
         ----------
+        light
+            What :meth:`begin` returned.
         ids
             (K,) int32, each once.
         codes
             (K, texels, texels) uint8, copied.
+        grade
+            `ESTIMATE` or `FULL`.
         """
         if codes.shape != (len(ids), self.texels, self.texels) or codes.dtype != np.uint8:
             expected = (len(ids), self.texels, self.texels)
             raise InputError(
-                f"tiles must be uint8 of shape {expected}, got {codes.dtype} of shape {codes.shape}"
+                f"textures must be uint8 of shape {expected}, got {codes.dtype} of shape {codes.shape}"
             )
-        with self._lock:
-            light = self._lights.get(key)
-            if light is None:
-                self._dropped += len(ids)
-                return 0
-            slots = self._pool.take(len(ids))
-            if len(slots) < len(ids):
-                self._evict(len(ids) - len(slots))
-                slots = np.concatenate([slots, self._pool.take(len(ids) - len(slots))])
-            stored, lost = ids[: len(slots)], ids[len(slots) :]
-            old = light.slot[stored]
-            self._pool.put(slots, light.number, stored, codes[: len(slots)], self._sighting_count)
-            light.slot[stored] = slots
-            light.table = None
-            self._pool.retire(old[old >= 0], _living(light))
-            self._move(light, stored, READY)
-            self._move(light, lost[np.isin(light.state[lost], (QUEUED, BAKING))], MISSING)
-            self._published += len(stored)
-            self._dropped += len(lost)
-            return len(stored)
+        stored = np.zeros(len(ids), np.bool_)
+        for shard, place in self._split(ids):
+            stored[place] = shard.publish(light, ids[place], codes[place], self._number, grade)
+        return stored
 
-    def lookup(self, key: str, ids: Ids) -> tuple[NDArray[np.bool_], NDArray[np.uint8]]:
-        """Return (K,) bool, which of `ids` are ready, and a copy of their tiles (ready, texels, texels) uint8."""
-        with self._lock:
-            light = self._lights.get(key)
-            if light is None:
-                return np.zeros(len(ids), dtype=bool), self._pool.codes[:0]
-            slots = light.slot[ids]
-            ready = slots >= 0
-            return ready, self._pool.codes[slots[ready]]
+    def lookup(self, key: str, ids: Ids) -> tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return (K,) bool, which of `ids` have a texture, and copies of these (K', texels, texels) and of their grades (K',)."""
+        there = np.zeros(len(ids), np.bool_)
+        codes = np.empty((len(ids), self.texels, self.texels), np.uint8)
+        grades = np.empty(len(ids), np.uint8)
+        light = self._lights.get(key)
+        if light is not None:
+            for shard, place in self._split(ids):
+                found, some, grade = shard.lookup(light, ids[place])
+                there[place] = found
+                codes[place[found]], grades[place[found]] = some, grade
+        return there, codes[there], grades[there]
 
-    def put_coarse(self, key: str, ids: Ids, records: NDArray[np.float32]) -> bool:
-        """Keep coarse records, (K, 4) of (K,) `ids`; False if `key` is not the one begun last, or they cost too much."""
-        with self._lock:
-            light = self._newest(key)
-            if light is None or not self._affords_coarse(light):
-                return False
-            if not len(light.coarse):
-                light.coarse = np.full((len(light.state), 4), -1, dtype=np.float32)
-            elif light.table is not None or _living(light):  # snapshots hold it
-                light.coarse = light.coarse.copy()
-            light.coarse[ids] = records
-            light.table = None
-            return True
-
-    def lacks_coarse(self, key: str, ids: Ids) -> NDArray[np.bool_]:
-        """Return (K,) True where :meth:`put_coarse` would be welcome."""
-        with self._lock:
-            light = self._newest(key)
-            if light is None or not self._affords_coarse(light):
-                return np.zeros(len(ids), dtype=bool)
-            lacking: NDArray[np.bool_] = (
-                light.coarse[ids, 0] < 0 if len(light.coarse) else np.ones(len(ids), bool)
-            )
-            return lacking
+    def put_coarse(self, light: Entries, ids: Ids, records: NDArray[np.float32]) -> bool:
+        """Keep coarse records, (K, 4) of (K,) `ids`; False if the key is not the one begun last, or they cost too much."""
+        kept = True
+        for shard, place in self._split(ids):
+            kept &= shard.light_up(light, ids[place], records[place])
+        return kept
 
     def lookup_coarse(self, key: str, ids: Ids) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
         """Return (K,) bool, which of `ids` have a coarse record, and a copy of those (K', 4) float32."""
-        with self._lock:
-            light = self._lights.get(key)
-            if light is None or not len(light.coarse):
-                return np.zeros(len(ids), dtype=bool), NO_COARSE
-            records = light.coarse[ids]
-            there = records[:, 0] >= 0
-            return there, records[there]
+        light = self._lights.get(key)
+        there = np.zeros(len(ids), np.bool_)
+        if light is None:
+            return there, NO_COARSE
+        coarse = light.coarse
+        if len(coarse):
+            there = (light.state[ids] & np.uint8(LIT)) != 0
+        return there, coarse[ids[there]]
 
     def snapshot(self, key: str) -> TextureTable | None:
         """Return a table for renderers that never changes, or None for an unknown key.
 
-        Tiles that it names are neither overwritten nor reused while anybody holds its ``slot`` array.
+        Textures that it names are neither overwritten nor reused while anybody holds its ``slot`` array. Costs as much as has changed since
+        an earlier one, and waits for nobody but others who take one.
         """
-        with self._lock:
-            light = self._lights.get(key)
-            if light is None:
-                return None
-            if light.table is None:
-                # Not flagged read-only: Numba would compile every kernel a second time for such arrays.
-                slot, codes = light.slot.copy(), self._pool.codes
-                light.table = TextureTable(slot, codes, light.decoding, self.mapping, light.coarse)
-                light.readers = [*_living(light), weakref.ref(light.table.slot)]
-            return light.table
+        light = self._lights.get(key)
+        arena = self._arena
+        if light is None or arena is None:
+            return None
+        # Not flagged read-only: Numba would compile every kernel a second time for such arrays.
+        slot = light.table.freeze()
+        return TextureTable(slot, arena.codes, light.decoding, self.mapping, light.coarse)
 
     def particle_count(self, key: str) -> int:
         """Particles of a light key; 0 if it is unknown."""
-        with self._lock:
-            light = self._lights.get(key)
-            return 0 if light is None else len(light.state)
+        light = self._lights.get(key)
+        return 0 if light is None else len(light.state)
 
     def counts(self, key: str) -> Counts:
         """How many particles of `key` are in each state."""
-        with self._lock:
-            light = self._lights.get(key)
-            return Counts() if light is None else Counts(*(int(count) for count in light.counts))
+        light = self._lights.get(key)
+        return Counts() if light is None else Counts.of(light.counts.sum(axis=0))
 
     def stats(self) -> CacheStats:
         """Counters of the whole cache."""
-        with self._lock:
-            nbytes = self._pool.tile_bytes * sum(int(light.counts[READY]) for light in self._lights.values())
-            nbytes += sum(light.coarse.nbytes for light in self._lights.values())
-            return CacheStats(self._hits, self._misses, self._published, self._evicted, self._dropped, nbytes)
+        textures = sum(shard.used for shard in self._shards)
+        nbytes = textures * (self.texels**2 + SLOT_BYTES)
+        nbytes += sum(_table_bytes(light) for light in list(self._lights.values()))
 
-    # What follows runs under the lock.
+        def total(name: str) -> int:
+            return sum(getattr(shard, name) for shard in self._shards)
 
-    def _newest(self, key: str) -> _Light | None:
-        newest = next(reversed(self._lights.values()), None)
-        return newest if newest is not None and newest.key == key else None
+        return CacheStats(
+            self._hits,
+            self._misses,
+            total("queued"),
+            total("ready"),
+            total("refined"),
+            total("evicted"),
+            total("dropped"),
+            textures,
+            nbytes,
+        )
 
-    def _affords_coarse(self, light: _Light) -> bool:
-        return _COARSE_BYTES * len(light.state) <= self.max_bytes // 2
+    def _reserve(self, count: int) -> None:
+        """Divide the budget between textures and tables when it is first known how many particles there are."""
+        if self._arena is None:
+            slots = _slot_count(self.max_bytes, self.texels, count)
+            if slots > 0:
+                self._set_aside = _set_aside(self.max_bytes, count)
+                shards = self._shard_count or (_SHARDS if min(slots, count) >= _SHARDED_COUNT else 1)
+                slots = max(slots, shards)
+                self._arena = arena = Arena(slots, (self.texels, self.texels))
+                ends = [k * slots // shards for k in range(shards + 1)]
+                self._shards = tuple(
+                    Shard(k, arena, ends[k], ends[k + 1], self._protection, self._by_number)
+                    for k in range(shards)
+                )
+        if self._arena is None or _LIGHT_BYTES * count > self._set_aside:
+            needed = bytes_for(1, self.texels, count)
+            raise InputError(
+                f"{self.max_bytes} bytes are too few to keep textures of {count} particles — set max_bytes to {needed} at least, "
+                f"better {_ALL_BYTES * 4} for each particle"
+            )
 
-    def _tile_count(self, nbytes: int) -> int:
-        return min(max(1, nbytes // (self.texels * self.texels)), 2**31 - 1)
+    def _share_out(self, light: Entries, others: list[Entries]) -> None:
+        """Fit the tables of all light keys, oldest first in `others`, into what is set aside; give the oldest up."""
+        count = len(light.state)
+        left = self._set_aside - _LIGHT_BYTES * count
+        coarse = _COARSE_BYTES * count <= left
+        if coarse:
+            left -= _COARSE_BYTES * count
+        while others and (
+            len(others) >= _MAX_LIGHTS or sum(_OTHER_BYTES * len(other.state) for other in others) > left
+        ):
+            self._drop(others.pop(0))
+        for other in others:
+            self._put_out(other)
+            other.table.most_copies = 1
+            other.table.spare()
+            left -= _OTHER_BYTES * len(other.state)
+        light.table.most_copies = min(_MOST_COPIES, _LEAST_COPIES + left // max(1, _COPY_BYTES * count))
+        if coarse and not len(light.coarse):
+            light.coarse = np.empty((count, 4), np.float32)
 
-    def _mark(self, key: str, ids: Ids, source: tuple[int, ...], target: int) -> None:
-        with self._lock:
-            light = self._lights.get(key)
+    def _put_out(self, light: Entries) -> None:
+        """Forget coarse records."""
+        if not len(light.coarse):
+            return
+        with contextlib.ExitStack() as stack:
+            for shard in self._shards:
+                stack.enter_context(shard.lock)
+            light.coarse = NO_COARSE
+            light.state &= np.uint8(~(LIT | DAWNING) & 0xFF)
+            light.table.live[light.table.live == FIRST_LIGHT] = NOBODY
+            light.table.changed(None)
+
+    def _drop(self, light: Entries) -> None:
+        light.dropped = True
+        self._put_out(light)
+        for shard in self._shards:
+            shard.lose_all(light)
+        del self._by_number[light.number]
+        self._lights = {key: other for key, other in self._lights.items() if other is not light}
+
+    def _split(self, ids: Ids) -> Iterator[tuple[Shard, NDArray[np.intp]]]:
+        """Yield every shard that has some of `ids`, and where these are."""
+        if not len(ids):
+            return
+        if len(self._shards) == 1:
+            yield self._shards[0], np.arange(len(ids))
+            return
+        first = shard_of(ids, len(self._shards))
+        if (first == first[0]).all():
+            yield self._shards[int(first[0])], np.arange(len(ids))
+            return
+        for shard, place in zip(self._shards, by_shard(ids, len(self._shards)), strict=True):
+            if len(place):
+                yield shard, place
+
+    def _protection(self, shard: int) -> Sequence[tuple[Entries, Ids]]:
+        found = []
+        for sighting in list(self.sightings.values()):
+            light = self._lights.get(sighting.key)
             if light is not None:
-                self._move(light, ids[np.isin(light.state[ids], source)], target)
-
-    def _move(self, light: _Light, ids: Ids, target: int) -> None:
-        light.counts -= np.bincount(light.state[ids], minlength=_STATE_COUNT)
-        light.counts[target] += len(ids)
-        light.state[ids] = target
-
-    def _protected(self) -> NDArray[np.bool_]:
-        mask = np.zeros(len(self._pool.light), dtype=bool)
-        for light, ids in self._sightings.values():
-            slots = light.slot[ids]
-            mask[slots[slots >= 0]] = True
-        return mask
-
-    def _evict(self, count: int) -> None:
-        if count <= 0:
-            return
-        used = self._pool.used()
-        candidates = used[~self._protected()[used]]
-        count = min(max(count, int(self.capacity * _EVICTION_SHARE)), len(candidates))
-        if count == 0:
-            return
-        order = np.argpartition(self._pool.seen[candidates], count - 1)
-        victims = candidates[order[:count]].astype(np.int32)
-        numbers = self._pool.light[victims]
-        for number in np.unique(numbers):
-            self._lose(self._by_number[int(number)], victims[numbers == number])
-        self._evicted += count
-
-    def _lose(self, light: _Light, slots: Ids) -> None:
-        ids = self._pool.owner[slots]
-        light.slot[ids] = -1
-        light.table = None
-        self._move(light, ids, MISSING)
-        self._pool.retire(slots, _living(light))
-
-    def _drop(self, light: _Light) -> None:
-        slots = light.slot[light.slot >= 0]
-        self._evicted += len(slots)
-        self._lose(light, slots)
-        del self._lights[light.key], self._by_number[light.number]
-        for client in [name for name, (shown, _) in self._sightings.items() if shown is light]:
-            del self._sightings[client]
+                found.append((light, sighting.part(shard, len(self._shards))))
+        return found
 
 
-def _living(light: _Light) -> Sequence[Reader]:
-    """Snapshots of a light that somebody still holds."""
-    light.readers = [reader for reader in light.readers if reader() is not None]
-    return light.readers
+def bytes_for(textures: int, texels: int, particles: int) -> int:
+    """Return the least budget with which a cache has a capacity of so many textures of one light key.
+
+    Parameters
+    ----------
+    textures
+        At least 1.
+    texels
+        Rows and columns of a texture.
+    particles
+        In the scene.
+    """
+    low, high = 0, 1
+    while _capacity(high, texels, particles) < textures:
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        if _capacity(middle, texels, particles) < textures:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _set_aside(max_bytes: int, particles: int) -> int:
+    return max(_LIGHT_BYTES * particles, min(max_bytes // 4, _ALL_BYTES * particles))
+
+
+def _slot_count(max_bytes: int, texels: int, particles: int) -> int:
+    left = max_bytes - _set_aside(max_bytes, particles)
+    return min(max(0, left) // (texels * texels + SLOT_BYTES), 2**31 - 1)
+
+
+def _capacity(max_bytes: int, texels: int, particles: int) -> int:
+    return kept_slots(_slot_count(max_bytes, texels, particles))
+
+
+@lru_cache(maxsize=4)
+def _population(count: int, shards: int) -> NDArray[np.int64]:
+    """(shards,) how many of `count` particles each shard has."""
+    return np.bincount(shard_of(np.arange(count, dtype=np.int32), shards), minlength=shards)
+
+
+def _table_bytes(light: Entries) -> int:
+    return light.state.nbytes + light.table.nbytes + light.coarse.nbytes

@@ -8,28 +8,31 @@ import functools
 import logging
 import math
 import os
+import queue
 import sys
 import threading
 import time
-from collections import OrderedDict
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from luxel.dynamic.cache import TextureCache
-from luxel.dynamic.pace import Pace
-from luxel.dynamic.queue import RequestQueue, priority
+from luxel.dynamic.desk import OLDEST_EVERY, Desk, Kind, Piece
+from luxel.dynamic.entries import ESTIMATE, Entries
+from luxel.dynamic.pace import Pace, Rate
+from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
+from luxel.dynamic.sightings import Ids, Measure, Sighting
 from luxel.dynamic.work import (
     CoarseBatch,
     CoarseListener,
     Listener,
     Listeners,
-    MakeBaker,
-    TileBaker,
+    MakeBakers,
     TileBatch,
 )
+from luxel.dynamic.workshop import Workshop, Workshops
 from luxel.errors import SessionClosedError
 from luxel.textures.textures import Encoding
 
@@ -37,87 +40,100 @@ __all__ = ["Engine"]
 
 log = logging.getLogger(__name__)
 
-Ids = NDArray[np.int32]
 Job = Callable[[], None]
 
-_MAX_ATTEMPTS = 3
-_BAKERS_KEPT = 3  # an undone slider finds its tree and filter again
+_PIECE_S = 0.03  # short enough to notice a new priority soon, long enough to hide what a piece costs besides
+_PATIENCE_S = 2.0
+_MAX_ATTEMPTS = 2  # to make or to prepare a baker
+_MAX_FAILURES = 16  # single particles in a row; then a kind of work is given up
 _CLOSE_TIMEOUT_S = 5.0
-_FIRST_LIGHT_COUNT = 1024  # particles in a batch: about a tenth of a second
+_TEXTURES = (Kind.FIRST_TEXTURE, Kind.REFINEMENT)
 
 
-@dataclass(eq=False)
-class _Workshop:
-    """The baker of one light key, and whether it is prepared for textures: not yet, just now, or since."""
+@dataclass(frozen=True, eq=False)
+class _Lit:
+    """The current light; replaced as a whole, so that frames need no lock to read it."""
 
-    baker: TileBaker
-    preparing: bool = False
-    prepared: bool = False
+    light: Entries
+    make: MakeBakers
 
 
 class Engine:
     """Bakes what is requested, best first, and tells listeners.
 
-    What has neither texture nor coarse record gets its first light, a record that costs a sixteenth of a texture,
-    before any texture is baked, and even if the cache has no room for its texture.
+    What has neither texture nor coarse record gets its first light, a record that costs a fraction of a texture, before any texture is
+    baked, and even if the cache has no room for its texture; then an estimate, where there is somebody who makes those; then its texture,
+    unless it is small on the screen. Of every four pieces of work, one goes to those requests that have waited longest.
 
     One light key is current (:meth:`select`); requests for another are ignored. Work that waits for an old key is
     cancelled; what is being baked for it is finished and cached under its own key.
 
-    Worker threads start with the first request and sleep on a condition while there is nothing to do. With
-    ``threads=0`` nothing happens until somebody calls :meth:`run_once` or :meth:`run_for`: the per-frame callback of
-    the paper. Both ways may be used together.
+    Worker threads start with the first request and sleep while there is nothing to do. With ``threads=0`` nothing happens until
+    somebody calls :meth:`run_once` or :meth:`run_for`: the per-frame callback of the paper. Both ways may be used together, and
+    the callback by several threads at once.
 
-    Safe to use from several threads: the engine owns one lock, which also guards its queues; it calls the cache, but
-    neither bakers nor listeners, while it holds it.
+    What fails is reported (:attr:`error`) and done once more, one particle at a time; what fails again is given up. A kind of work
+    that fails for many particles in a row is given up as a whole until the light changes.
+
+    Safe to use from several threads. :meth:`request`, which frames call, takes no lock that a worker holds while it works; the engine's
+    own is for who does what, and neither bakers nor listeners are called while it is held.
 
     Parameters
     ----------
     cache
-        Where tiles are published.
-    queue
-        Where requests for textures wait; used by this engine alone.
+        Where textures are published.
     threads
         Worker threads; 0 for none.
     clock
         Seconds, never going backwards.
+    heuristic
+        Which request comes first.
+    expiry_s
+        Requests lapse when nobody has sighted them for so many seconds.
+    small_pixels
+        A particle narrower than this on every screen is content with an estimate.
     """
 
     def __init__(
         self,
         cache: TextureCache,
-        queue: RequestQueue | None = None,
         *,
         threads: int,
         clock: Callable[[], float] = time.monotonic,
+        heuristic: Heuristic = recent_and_near,
+        expiry_s: float = 2.0,
+        small_pixels: float = 0.0,
     ) -> None:
         self.cache = cache
         self.thread_count = threads
-        self._queue = RequestQueue() if queue is None else queue
-        self._dark = RequestQueue(self._queue.expiry_s, self._queue.max_count)  # requests for first light
-        self._dawning: list[Ids] = []  # whose first light is being made
+        self.small_pixels = small_pixels
+        self._make_queue = functools.partial(RequestQueue, heuristic, expiry_s)
         self._clock = clock
-        self._lock = threading.Lock()
-        self._work = threading.Condition(self._lock)
-        self._idle = threading.Condition(self._lock)
-        self._threads: list[threading.Thread] = []
+        self._desks: tuple[Desk, ...] = ()
+        self._lit: _Lit | None = None
+        self._closed = False
         self._tiles_heard: Listeners[TileBatch] = Listeners()
         self._coarse_heard: Listeners[CoarseBatch] = Listeners()
-        self._closed = False
-        self._key = ""
-        self._make: MakeBaker | None = None
-        self._workshops: OrderedDict[str, _Workshop] = OrderedDict()
+        self._bell: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._sleepers = 0
+        self._lock = threading.Lock()  # what follows is for those who work
+        self._idle = threading.Condition(self._lock)
+        self._threads: list[threading.Thread] = []
+        self._workshops = Workshops()
         self._building: set[str] = set()
-        self._attempts: dict[
-            tuple[str, int], int
-        ] = {}  # failures of a particle, of a baker under id -1, of first light under id -2
+        self._attempts: Counter[tuple[str, int]] = (
+            Counter()
+        )  # at a baker under 0, at its preparation under its grade
+        self._failures: Counter[Kind] = Counter()
         self._busy = 0
-        self._pace = Pace()
+        self._turn = 0
+        self._events = 0  # counts what may give a sleeping worker something to do, besides sightings
+        self._paces = {kind: Pace() for kind in Kind}
+        self._rate = Rate()
         self._error: str | None = None
         self._clipped_count = 0
-        self._over_budget: dict[str, int] = {}
 
-    def select(self, key: str, count: int, scale: float, encoding: Encoding, make_baker: MakeBaker) -> None:
+    def select(self, key: str, count: int, scale: float, encoding: Encoding, make_bakers: MakeBakers) -> None:
         """Make `key` the current light key and cancel what is queued for any other.
 
         Parameters
@@ -128,98 +144,103 @@ class Engine:
             Particles in its scene.
         scale, encoding
             How its codes become luminance.
-        make_baker
-            Makes its baker; called on the thread that first has something to bake, so it may take its time.
+        make_bakers
+            Makes its bakers; called on the thread that first has something to bake, so it may take its time.
+
+        Raises
+        ------
+        InputError
+            If the cache's budget is too small for so many particles.
         """
         with self._lock:
             self._check_open()
-            if key == self._key:
+            lit = self._lit
+            if lit is not None and key == lit.light.key:
                 return
-            for other in {*self._queue.keys(), *self._dark.keys()}:
-                self._cancel(other)
-            self.cache.begin(key, count, scale, encoding)
-            self._key, self._make, self._error = key, make_baker, None
-            self._attempts = {}
-            self._over_budget = {}
+            for desk in self._desks:
+                desk.select(None)
+            light = self.cache.begin(key, count, scale, encoding)
+            if not self._desks:
+                self._desks = tuple(
+                    Desk(k, self.cache, self._make_queue, self.small_pixels)
+                    for k in range(len(self.cache.shards))
+                )
+            self._lit = _Lit(light, make_bakers)
+            self._error = None
+            self._attempts.clear()
+            self._failures.clear()
+            for desk in self._desks:
+                desk.select(light)
             self._notify_if_idle()
 
-    def request(self, key: str, ids: Ids, distance: NDArray[np.floating], client: str = "") -> int:
-        """Note what a client sees now, and queue what has no texture yet; return how many of them are queued.
+    def request(self, key: str, ids: Ids, measure: Measure, client: str = "") -> int:
+        """Note what a client sees now, so that what is lacking gets done; return for how many particles that may be.
 
         Parameters
         ----------
         key
             The light key that the client shows; ignored unless current.
         ids
-            (K,) int32, every visible particle, each once.
-        distance
-            (K,) their distance from the eye, in diagonals of the scene.
+            (K,) int32, every visible particle, ascending, each once. Not copied.
+        measure
+            How far and large they are; called later, on threads that work.
         client
             Who looks.
         """
-        with self._lock:
-            self._check_open()
-            if key != self._key:
-                return 0
-            wanted = self.cache.see(key, ids, client)
-            if (key, -1) in self._attempts and self._attempts[key, -1] >= _MAX_ATTEMPTS:
-                return 0
-            ids, distance = ids[wanted], distance[wanted]
-            now_s = self._clock()
-            self._request_first_light(key, ids, distance, now_s, client)
-            room = self.cache.room()
-            self._over_budget[client] = max(0, len(ids) - room)
-            if len(ids) > room:  # baking more would only evict what is on the screen
-                nearest = np.argsort(distance, kind="stable")[:room]
-                ids, distance = ids[nearest], distance[nearest]
-            gone = self._queue.push(key, ids, priority(now_s, distance), now_s, client)
-            self.cache.mark_queued(key, ids)
-            self.cache.release(key, gone)
-            if len(self._queue) or len(self._dark):
+        self._check_open()
+        lit = self._lit
+        if lit is None or key != lit.light.key:
+            return 0
+        sighting = Sighting(client, self.cache.next_number(), key, ids, measure, self._clock())
+        lacking = self.cache.see(sighting)
+        if lacking:
+            if self.thread_count and not self._threads:
                 self._start_threads()
-                self._work.notify_all()
-            else:
-                self._notify_if_idle()
-            return len(ids)
+            self._ring()
+        return lacking
 
     def forget(self, client: str) -> None:
         """Withdraw what only this client wanted."""
+        self.cache.forget(client)
         with self._lock:
-            for key, ids in self._queue.forget(client):
-                self.cache.release(key, ids)
-            self._dark.forget(client)
-            self.cache.forget(client)
-            self._over_budget.pop(client, None)
             self._notify_if_idle()
 
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` with every finished batch, on the thread that baked it; return what ends that."""
-        with self._lock:
-            self._check_open()
-            return self._tiles_heard.add(listener)
+        self._check_open()
+        return self._tiles_heard.add(listener)
 
     def subscribe_coarse(self, listener: CoarseListener) -> Callable[[], None]:
         """Call `listener` with every batch of first light, on the thread that made it; return what ends that."""
-        with self._lock:
-            self._check_open()
-            return self._coarse_heard.add(listener)
+        self._check_open()
+        return self._coarse_heard.add(listener)
 
-    def run_once(self) -> bool:
-        """Do one piece of work on the caller's thread, such as to bake a batch. False if there is none."""
-        with self._lock:
-            self._check_open()
-            job = self._take()
+    def run_once(self, limit_s: float = math.inf) -> bool:
+        """Do one piece of work on the caller's thread, such as to bake a batch, of about `limit_s` seconds. False if there is none."""
+        self._check_open()
+        job = self._take(limit_s)
         if job is None:
             return False
         self._do(job)
         return True
 
     def run_for(self, budget_s: float) -> int:
-        """Work on the caller's thread until `budget_s` seconds have passed or nothing is left; return pieces done."""
+        """Work on the caller's thread until `budget_s` seconds have passed or nothing is left; return pieces done.
+
+        Pieces are made to fit into what is left of the budget, as far as their pace is known, and none is begun that is known not to
+        fit, but for the first. So the budget is overrun by what the last piece takes longer than such pieces did before, or by the one piece that is done.
+        """
+        self._check_open()
         end_s = self._clock() + budget_s
         count = 0
-        while self._clock() < end_s and self.run_once():
+        while (left_s := end_s - self._clock()) > 0:
+            job = self._take(left_s, must_fit=count > 0)
+            if job is None:
+                break
+            self._do(job)
             count += 1
+            if self._closed:
+                break
         return count
 
     def wait(self, timeout_s: float | None = None) -> bool:
@@ -235,39 +256,43 @@ class Engine:
             self._check_open()
             return rested
 
+    def settle(self) -> None:
+        """Take in all sightings, so that the counts of the cache are up to date."""
+        now_s = self._clock()
+        for desk in self._desks:
+            desk.waiting(now_s)
+
     @property
     def error(self) -> str | None:
         """What went wrong last under the current light key, in words; None if nothing did."""
-        with self._lock:
-            return self._error
+        return self._error
 
     @property
     def clipped_count(self) -> int:
-        """Texels brighter than their scale, of all tiles baked so far."""
-        with self._lock:
-            return self._clipped_count
+        """Texels brighter than their scale, of all textures baked so far."""
+        return self._clipped_count
 
     @property
     def over_budget(self) -> int:
         """Visible particles that stay without texture because the cache is full of visible ones."""
-        with self._lock:
-            return max(self._over_budget.values(), default=0)
+        return sum(desk.over_budget for desk in self._desks)
 
     @property
     def textures_per_s(self) -> float:
-        """Textures finished a second, over the last few seconds."""
+        """Textures finished a second, estimates included, over the last few seconds."""
         with self._lock:
-            return self._pace.textures_per_s(self._clock())
+            return self._rate.per_s(self._clock())
 
     def close(self) -> None:
-        """Stop after the batches in progress and join the threads. Later use raises; closing twice does not."""
+        """Stop after the pieces in progress and join the threads. Later use raises; closing twice does not."""
         with self._lock:
             self._closed = True
             self._tiles_heard.clear()
             self._coarse_heard.clear()
-            self._work.notify_all()
             self._idle.notify_all()
             threads, self._threads = self._threads, []
+        for _ in threads:
+            self._bell.put(None)
         atexit.unregister(self.close)
         for thread in threads:
             if thread is not threading.current_thread():
@@ -275,19 +300,54 @@ class Engine:
                 if thread.is_alive():
                     log.warning("%s is still busy and ends on its own", thread.name)
 
+    def _check_open(self) -> None:
+        if self._closed:
+            raise SessionClosedError("the texture engine is closed — open a new session")
+
+    def _ring(self) -> None:
+        """Wake a sleeping worker; it wakes the next if it finds something to do."""
+        if self._sleepers and self._bell.empty():
+            self._bell.put(None)
+
+    def _start_threads(self) -> None:
+        with self._lock:
+            if self._threads or self._closed:
+                return
+            self._threads = [
+                threading.Thread(target=self._worker, name=f"luxel-bake-{number}", daemon=True)
+                for number in range(self.thread_count)
+            ]
+            # Daemons that compile or bake while the interpreter goes away would crash it.
+            atexit.register(self.close)
+            for thread in self._threads:
+                thread.start()
+
     def _worker(self) -> None:
         if sys.platform == "linux":
             # A thread's own there: what draws and answers on this machine comes before what bakes.
             with contextlib.suppress(OSError):
                 os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 5)
-        while True:
-            with self._lock:
-                job = None
-                while not self._closed and (job := self._take()) is None:
-                    self._work.wait()
+        while not self._closed:
+            known = self.cache.version, self._events
+            job = self._take()
             if job is None:
-                return
-            self._do(job)
+                self._sleep(known)
+                continue
+            self._ring()
+            try:
+                self._do(job)
+            except BaseException as error:
+                log.exception("a baking thread goes on after an error")
+                self._error = f"{type(error).__name__}: {error}"
+
+    def _sleep(self, known: tuple[int, int]) -> None:
+        with self._lock:
+            self._sleepers += 1
+        # Whoever comes with something new from here on sees a sleeper; who came before has changed one of these.
+        if known == (self.cache.version, self._events) and not self._closed:
+            self._bell.get()
+        with self._lock:
+            self._sleepers -= 1
 
     def _do(self, job: Job) -> None:
         try:
@@ -295,150 +355,212 @@ class Engine:
         finally:
             with self._lock:
                 self._busy -= 1
+                self._events += 1
                 self._notify_if_idle()
+            self._ring()
 
-    def _build(self, key: str, make: MakeBaker) -> None:
+    def _take(self, limit_s: float = math.inf, *, must_fit: bool = False) -> Job | None:
+        """Return the next piece of work: a baker, else work on particles, else what must be prepared for that."""
+        now_s = self._clock()
+        left_s, limit_s = limit_s, min(limit_s, _PIECE_S)
+        with self._lock:
+            lit = self._lit
+            if lit is None:
+                return None
+            key = lit.light.key
+            shop = self._workshops.get(key)
+            paces = {
+                kind: pace for kind, pace in self._paces.items() if not must_fit or pace.each_s <= left_s
+            }
+            careful = not math.isinf(left_s)
+            most = {kind: pace.count(limit_s, careful=careful) for kind, pace in paces.items()}
+            self._turn += 1
+            turn = self._turn
+            self._busy += 1
+        job = None
         try:
-            baker = make()
+            if shop is None:
+                job = self._take_build(lit, now_s)
+            else:
+                most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
+                if turn % OLDEST_EVERY == 0 and self._is_overdue(shop, now_s):
+                    job = self._take_preparation(lit, shop, now_s, limit_s)
+                for k in range(len(self._desks)):
+                    if job is not None:
+                        break
+                    desk = self._desks[(turn + k) % len(self._desks)]
+                    piece = desk.take(lit.light, now_s, most, max(1, self.thread_count))
+                    if piece is not None:
+                        work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
+                        job = functools.partial(work, desk, shop, piece)
+                if job is None:
+                    job = self._take_preparation(lit, shop, now_s, limit_s)
+        finally:
+            if job is None:
+                with self._lock:
+                    self._busy -= 1
+                    self._notify_if_idle()
+        return job
+
+    def _is_overdue(self, shop: Workshop, now_s: float) -> bool:
+        """Whether some request has waited long for preparation, since ever new particles want first light."""
+        kinds = [kind for kind in _TEXTURES if not shop.is_ready(kind)]
+        return bool(kinds) and any(desk.oldest_s(kinds) < now_s - _PATIENCE_S for desk in self._desks)
+
+    def _take_build(self, lit: _Lit, now_s: float) -> Job | None:
+        key = lit.light.key
+        if not self._waiting(now_s):
+            return None
+        with self._lock:
+            if key in self._building or self._workshops.get(key) is not None:
+                return None
+            self._building.add(key)
+        return functools.partial(self._build, lit)
+
+    def _take_preparation(self, lit: _Lit, shop: Workshop, now_s: float, limit_s: float) -> Job | None:
+        if all(shop.is_ready(kind) for kind in _TEXTURES):
+            return None
+        waiting = self._waiting(now_s)
+        with self._lock:
+            kind = next((kind for kind in _TEXTURES if waiting[kind] and not shop.is_ready(kind)), None)
+            if kind is None or shop.preparing:
+                return None
+            shop.preparing = True
+        return functools.partial(self._prepare, lit.light, shop, kind, limit_s)
+
+    def _waiting(self, now_s: float) -> Counter[Kind]:
+        total: Counter[Kind] = Counter()
+        for desk in self._desks:
+            total.update({kind: count for kind, count in desk.waiting(now_s).items() if count})
+        return total
+
+    def _build(self, lit: _Lit) -> None:
+        key = lit.light.key
+        try:
+            bakers = lit.make()
         except Exception as error:
             log.exception("no baker for light key %s", key)
             with self._lock:
                 self._building.discard(key)
-                self._record_baker_failure(key, error)
+            self._baker_failed(lit.light, 0, tuple(Kind), error)
         else:
             with self._lock:
                 self._building.discard(key)
-                self._workshops[key] = _Workshop(baker)
-                while len(self._workshops) > _BAKERS_KEPT:
-                    self._workshops.popitem(last=False)
-                self._work.notify_all()
+                self._workshops.put(key, bakers)
 
-    def _prepare(self, key: str, shop: _Workshop) -> None:
+    def _prepare(self, light: Entries, shop: Workshop, kind: Kind, limit_s: float) -> None:
+        threads = max(1, self.thread_count)
+        end_s = self._clock() + limit_s if self.thread_count == 0 else math.inf
         try:
-            shop.baker.prepare(max(1, self.thread_count))
+            for _ in shop.preparation(kind, threads):
+                if self._clock() >= end_s:
+                    with self._lock:
+                        shop.preparing = False
+                    return
         except Exception as error:
-            log.exception("the baker of light key %s is not ready for textures", key)
+            log.exception("the baker of light key %s is not ready for textures", light.key)
             with self._lock:
+                shop.failed(kind)
                 shop.preparing = False
-                self._record_baker_failure(key, error)
+            kinds = tuple(each for each in _TEXTURES if shop.grade(each) == shop.grade(kind))
+            self._baker_failed(light, shop.grade(kind), kinds, error)
         else:
             with self._lock:
-                shop.preparing, shop.prepared = False, True
-                self._work.notify_all()
+                shop.prepared(kind)
+                shop.preparing = False
 
-    def _first_light(self, key: str, baker: TileBaker, ids: Ids) -> None:
+    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece) -> None:
+        light, ids = piece.light, piece.ids
+        start_s = self._clock()
         try:
-            batch = CoarseBatch(key, ids, baker.first_light(ids))
-            kept = self.cache.put_coarse(key, ids, batch.records)
-        except Exception as error:
-            log.exception("first light of light key %s failed", key)
-            kept = False
-            with self._lock:
-                if self._record_failure(key, -2, error) >= _MAX_ATTEMPTS:
-                    self._dark.cancel(key)
+            records = shop.baker(piece.kind).first_light(ids)
+            end_s = self._clock()
+            kept = self.cache.put_coarse(light, ids, records)
+        except BaseException as error:
+            self._failed(desk, piece, error)
+            if not isinstance(error, Exception):
+                raise
+            return
         with self._lock:
-            self._dawning = [each for each in self._dawning if each is not ids]
+            self._failures[piece.kind] = 0
+            self._paces[piece.kind].record(end_s - start_s, len(ids))
         if kept:
-            self._coarse_heard.tell(batch)
+            self._coarse_heard.tell(CoarseBatch(light.key, ids, records))
 
-    def _bake(self, key: str, baker: TileBaker, ids: Ids) -> None:
+    def _bake(self, desk: Desk, shop: Workshop, piece: Piece) -> None:
+        light, ids = piece.light, piece.ids
+        grade = shop.grade(piece.kind)
         start_s = self._clock()
         try:
             codes = np.empty((len(ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
-            clipped = baker.bake_into(ids, codes)
+            clipped = shop.baker(piece.kind).bake_into(ids, codes)
             end_s = self._clock()
-            self.cache.publish(key, ids, codes)
-        except Exception as error:
-            log.exception("%d textures of light key %s failed", len(ids), key)
-            with self._lock:
-                tries = np.array([self._record_failure(key, int(particle), error) for particle in ids])
-                self.cache.fail(key, ids[tries >= _MAX_ATTEMPTS])
-                self.cache.release(key, ids[tries < _MAX_ATTEMPTS])
+            self.cache.publish(light, ids, codes, grade)
+            desk.done(piece, grade)
+        except BaseException as error:
+            self._failed(desk, piece, error)
+            if not isinstance(error, Exception):
+                raise
             return
         with self._lock:
+            self._failures[piece.kind] = 0
             self._clipped_count += clipped
-            self._pace.record(start_s, end_s, len(ids))
-            stale = key != self._key
-        self._tiles_heard.tell(TileBatch(key, ids, codes, stale))
+            self._paces[piece.kind].record(end_s - start_s, len(ids))
+            self._rate.record(end_s, len(ids))
+            lit = self._lit
+        stale = lit is None or light is not lit.light
+        self._tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(len(ids), grade == ESTIMATE), stale))
+
+    def _failed(self, desk: Desk, piece: Piece, error: BaseException) -> None:
+        """Report a failure, and do the piece once more, or give it up."""
+        light, ids, kind = piece.light, piece.ids, piece.kind
+        hopeless = False
+        with self._lock:
+            self._report(light, error)
+            if piece.alone:
+                self._failures[kind] += 1
+                hopeless = self._failures[kind] >= _MAX_FAILURES
+            first = self._failures[kind] <= 1
+        log.log(
+            logging.ERROR if first else logging.DEBUG,
+            "%s of %d particles under light key %s failed",
+            kind.value,
+            len(ids),
+            light.key,
+            exc_info=error if first else None,
+        )
+        again = not piece.alone and isinstance(error, Exception) and desk.retry(piece)
+        if not again:
+            if kind is Kind.FIRST_LIGHT:
+                self.cache.release_dawning(light, ids)
+            elif piece.alone:
+                self.cache.fail(light, ids)
+            else:
+                self.cache.release(light, ids)
+        if hopeless:
+            self._give_up(light, (kind,))
+
+    def _baker_failed(self, light: Entries, grade: int, kinds: tuple[Kind, ...], error: Exception) -> None:
+        with self._lock:
+            self._report(light, error)
+            self._attempts[light.key, grade] += 1
+            hopeless = self._attempts[light.key, grade] >= _MAX_ATTEMPTS
+        if hopeless:
+            self._give_up(light, kinds)
+
+    def _give_up(self, light: Entries, kinds: tuple[Kind, ...]) -> None:
+        for desk in self._desks:
+            desk.give_up(light, kinds)
 
     # What follows runs under the lock.
 
-    def _check_open(self) -> None:
-        if self._closed:
-            raise SessionClosedError("the texture engine is closed — open a new session")
-
-    def _start_threads(self) -> None:
-        if self._threads or not self.thread_count:
-            return
-        self._threads = [
-            threading.Thread(target=self._worker, name=f"luxel-bake-{number}", daemon=True)
-            for number in range(self.thread_count)
-        ]
-        # Daemons that compile or bake while the interpreter goes away would crash it.
-        atexit.register(self.close)
-        for thread in self._threads:
-            thread.start()
-
-    def _request_first_light(
-        self, key: str, ids: Ids, distance: NDArray[np.floating], now_s: float, client: str
-    ) -> None:
-        dark = self.cache.lacks_coarse(key, ids)
-        if self._attempts.get((key, -2), 0) >= _MAX_ATTEMPTS:
-            dark[:] = False
-        for dawning in self._dawning:
-            dark &= ~np.isin(ids, dawning)
-        self._dark.push(key, ids[dark], priority(now_s, distance[dark]), now_s, client)
-
-    def _cancel(self, key: str) -> None:
-        """Withdraw every request under a light key."""
-        self._dark.cancel(key)
-        self.cache.release(key, self._queue.cancel(key))
-
-    def _take(self) -> Job | None:
-        """Return the best piece of work: a baker, else first light, else its preparation for textures, else those."""
-        key = self._dark.best(skip=self._building) or self._queue.best(skip=self._building)
-        if key is None or self._make is None:
-            return None
-        shop = self._workshops.get(key)
-        if shop is None:
-            self._building.add(key)
-            job = functools.partial(self._build, key, self._make)
-        elif len(self._dark):
-            _, ids = self._dark.pop(min(_FIRST_LIGHT_COUNT, self._share(self._dark)), key)
-            self._dawning.append(ids)
-            job = functools.partial(self._first_light, key, shop.baker, ids)
-        elif shop.preparing:
-            return None
-        elif not shop.prepared:
-            shop.preparing = True
-            job = functools.partial(self._prepare, key, shop)
-        else:
-            _, ids = self._queue.pop(min(self._pace.batch_count, self._share(self._queue)), key)
-            self.cache.mark_baking(key, ids)
-            job = functools.partial(self._bake, key, shop.baker, ids)
-        if shop is not None:
-            self._workshops.move_to_end(key)
-        self._busy += 1
-        return job
-
-    def _share(self, queue: RequestQueue) -> int:
-        """What one thread takes at most, so that the last requests are spread over all of them."""
-        return math.ceil(len(queue) / max(1, self.thread_count))
-
-    def _record_baker_failure(self, key: str, error: Exception) -> None:
-        if self._record_failure(key, -1, error) >= _MAX_ATTEMPTS:
-            self._cancel(key)
-        self._work.notify_all()
-
-    def _record_failure(self, key: str, particle: int, error: Exception) -> int:
-        if key == self._key:
+    def _report(self, light: Entries, error: BaseException) -> None:
+        if self._lit is not None and light is self._lit.light:
             self._error = f"{type(error).__name__}: {error}"
-        self._attempts[key, particle] = self._attempts.get((key, particle), 0) + 1
-        return self._attempts[key, particle]
 
     def _at_rest(self) -> bool:
-        return not self._busy and not len(self._queue) and not len(self._dark)
+        return not self._busy and not self._waiting(self._clock())
 
     def _notify_if_idle(self) -> None:
-        if self._at_rest():
+        if not self._busy:
             self._idle.notify_all()

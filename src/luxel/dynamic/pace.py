@@ -1,40 +1,57 @@
-"""Pace: how fast textures come, and how many to bake at a time."""
+"""Pace: how fast work goes, and so how much of it makes a piece of a given time."""
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
-__all__ = ["Pace"]
+__all__ = ["Pace", "Rate"]
 
-_BATCH_S = 0.03  # short enough to notice a new priority soon, long enough to hide what a batch costs besides
-_FIRST_BATCH = 16
-_LARGEST_BATCH = 512
+_LARGEST_PIECE = 1024
+# Before anything is known: tiny pieces would be as many messages to a page, but a frame's budget must not be overrun by much.
+_FIRST_PIECE, _FIRST_CAREFUL_PIECE = 16, 1
 _WINDOW_S = 3.0
 
 
 class Pace:
-    """Measures batches. Holds no lock and no clock: the engine calls it under its own lock and passes times in.
+    """Measures pieces of one kind of work. Holds no lock and no clock: the owner calls it under its own lock and passes times in.
 
     Attributes
     ----------
-    batch_count
-        Textures that take one thread about 30 ms.
+    each_s
+        Seconds for one particle on one thread, as last found; 0 before anything is known.
     """
 
     def __init__(self) -> None:
-        self.batch_count = _FIRST_BATCH
+        self.each_s = 0.0
+        self._largest = 0  # pieces at most double
+
+    def record(self, took_s: float, count: int) -> None:
+        """Note that `count` particles took so many seconds."""
+        now = max(0.0, took_s) / count
+        # A single slow piece, such as a first call that compiles, must not make pieces tiny for long, nor a fast one make them huge.
+        self.each_s = now if self.each_s == 0 else min(max(now, self.each_s / 2), self.each_s * 2)
+        self._largest = min(_LARGEST_PIECE, max(self._largest, 2 * count))
+
+    def count(self, limit_s: float, *, careful: bool = False) -> int:
+        """Particles that take about `limit_s` seconds, at least one; few before anything is known, and one if `careful`."""
+        largest = self._largest or (_FIRST_CAREFUL_PIECE if careful else _FIRST_PIECE)
+        if self.each_s == 0:
+            return largest
+        return int(max(1, min(limit_s / self.each_s, largest)))
+
+
+class Rate:
+    """How many things a second are finished, over the last few seconds. Holds no lock and no clock."""
+
+    def __init__(self) -> None:
         self._finished: deque[tuple[float, int]] = deque()
 
-    def record(self, start_s: float, end_s: float, count: int) -> None:
-        """Note that `count` textures took from `start_s` to `end_s`, in seconds."""
-        self._finished.append((end_s, count))
-        aim = count * _BATCH_S / (end_s - start_s) if end_s > start_s else math.inf
-        # By a factor of two at most: a first call may compile.
-        self.batch_count = int(min(max(aim, self.batch_count / 2, 1), self.batch_count * 2, _LARGEST_BATCH))
+    def record(self, now_s: float, count: int) -> None:
+        """Note that so many are finished."""
+        self._finished.append((now_s, count))
 
-    def textures_per_s(self, now_s: float) -> float:
-        """Textures finished a second, over the last few seconds."""
+    def per_s(self, now_s: float) -> float:
+        """Return the rate."""
         while self._finished and self._finished[0][0] <= now_s - _WINDOW_S:
             self._finished.popleft()
         return sum(count for _, count in self._finished) / _WINDOW_S

@@ -2,223 +2,362 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-__all__ = ["DISTANCE_S", "RequestQueue", "priority"]
+from luxel.dynamic.sightings import Ids
 
-Ids = NDArray[np.int32]
+__all__ = [
+    "DISTANCE_S",
+    "Heuristic",
+    "RequestQueue",
+    "Requests",
+    "largest_first",
+    "longest_visible_first",
+    "recent_and_near",
+]
 
 # T is in seconds and D in scene diagonals: a particle one diagonal away counts as if it had been seen this much earlier.
 DISTANCE_S = 2.0
+# Of a particle as wide as this many pixels, one of twice the width counts as if it had been seen a second later.
+_PIXELS = 8.0
+# Requests that are put in order at a time.
+_RUN_COUNT = 2048
 
 _NO_IDS: Ids = np.empty(0, dtype=np.int32)
 
+Floats = NDArray[np.float64]
 
-def priority(now_s: float, distance: ArrayLike) -> NDArray[np.float64]:
-    """Return P = T - D of paper 4.2 with f the identity.
+
+@dataclass(frozen=True, eq=False)
+class Requests:
+    """Requests, one a particle.
 
     Parameters
     ----------
-    now_s
-        T, the moment of the sighting, in seconds.
+    ids
+        (K,) int32, ascending.
+    seen_s
+        (K,) when some client sighted each last, in seconds: T of the paper.
+    since_s
+        (K,) when the sightings began that led to the request: some client has sighted it ever since without a gap as long
+        as requests live.
     distance
-        (K,) distances from the particles to the eye, in diagonals of the scene.
+        (K,) from the nearest client's eye, in diagonals of the scene: D of the paper.
+    pixels
+        (K,) width on the screen of the client that sees it largest; 0 where no client tells.
     """
-    return now_s - DISTANCE_S * np.asarray(distance, dtype=np.float64)
 
-
-@dataclass(eq=False)
-class _Wants:
-    """What one client asked for: ascending particle ids, their priority, and when each was sighted last."""
-
-    ids: Ids = field(default_factory=lambda: _NO_IDS)
-    priority: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-    seen_s: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-
-    def part(self, chosen: NDArray[np.bool_]) -> _Wants:
-        return _Wants(self.ids[chosen], self.priority[chosen], self.seen_s[chosen])
-
-    def keep(self, chosen: NDArray[np.bool_]) -> None:
-        self.ids, self.priority, self.seen_s = self.ids[chosen], self.priority[chosen], self.seen_s[chosen]
-
-    def merge(self, fresh: _Wants) -> None:
-        """Take in what is not there yet; copies."""
-        ids = np.concatenate([self.ids, fresh.ids])
-        self.priority = np.concatenate([self.priority, fresh.priority])
-        self.seen_s = np.concatenate([self.seen_s, fresh.seen_s])
-        order = np.argsort(ids)
-        self.ids, self.priority, self.seen_s = ids[order], self.priority[order], self.seen_s[order]
-
-
-@dataclass(eq=False)
-class _Lane:
-    """Requests of one light key: every client's, and all of them best first. Ids before `head` have been popped."""
-
-    clients: dict[str, _Wants] = field(default_factory=dict)
-    ids: Ids = field(default_factory=lambda: _NO_IDS)
-    priority: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
-    head: int = 0
+    ids: Ids
+    seen_s: Floats
+    since_s: Floats
+    distance: Floats
+    pixels: Floats
 
     def __len__(self) -> int:
-        return len(self.ids) - self.head
+        return len(self.ids)
 
-    def waiting(self) -> Ids:
-        return self.ids[self.head :]
+    def part(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Requests:
+        """Return some of them."""
+        return Requests(
+            self.ids[chosen],
+            self.seen_s[chosen],
+            self.since_s[chosen],
+            self.distance[chosen],
+            self.pixels[chosen],
+        )
 
-    def settle(self) -> None:
-        """Take what has been popped out of every client's wants."""
-        if self.head:
-            popped = np.sort(self.ids[: self.head])
-            for wants in self.clients.values():
-                wants.keep(~_is_in(wants.ids, popped))
-            self.ids, self.priority, self.head = self.ids[self.head :], self.priority[self.head :], 0
 
-    def unwanted(self, ids: Ids) -> Ids:
-        """Those of `ids` that no client asks for."""
-        for wants in self.clients.values():
-            ids = ids[~_is_in(ids, wants.ids)]
-        return ids
+_NOTHING = Requests(_NO_IDS, *(np.empty(0) for _ in range(4)))
 
-    def sort(self, max_count: int) -> Ids:
-        """Order all wants again, each particle at its best priority; return those past `max_count`, given up."""
-        wants = list(self.clients.values())
-        total = _Wants()
-        for want in wants:
-            known = _is_in(want.ids, total.ids)
-            place = np.searchsorted(total.ids, want.ids[known])
-            total.priority[place] = np.maximum(total.priority[place], want.priority[known])
-            total.merge(want.part(~known))
-        order = np.argsort(-total.priority)
-        self.ids, self.priority = total.ids[order], total.priority[order]
-        excess = self.ids[max_count:]
-        if len(excess):
-            for want in wants:
-                want.keep(~_is_in(want.ids, np.sort(excess)))
-            self.ids, self.priority = self.ids[:max_count], self.priority[:max_count]
-        return excess
+
+class Heuristic(Protocol):
+    """What makes a request urgent; looked up again after every sighting."""
+
+    def __call__(self, requests: Requests) -> Floats:
+        """Return (K,) priorities: larger is sooner."""
+        ...
+
+
+def recent_and_near(requests: Requests) -> Floats:
+    """P = f(T − D) of paper 4.2, f the identity."""
+    return requests.seen_s - DISTANCE_S * requests.distance
+
+
+def largest_first(requests: Requests) -> Floats:
+    """What is large on the screen first: T plus a second for every doubling of the width."""
+    return np.asarray(requests.seen_s + np.log2(1 + requests.pixels / _PIXELS))
+
+
+def longest_visible_first(requests: Requests) -> Floats:
+    """What has been in sight longest first; of these, the near."""
+    return -requests.since_s - 1e-3 * DISTANCE_S * requests.distance
+
+
+@dataclass(eq=False)
+class _Client:
+    """What one client asks for: what its latest sighting shows, and what earlier ones did."""
+
+    latest: Requests = _NOTHING
+    earlier: Requests = _NOTHING
+
+    def remove(self, ids: Ids) -> None:
+        """Take out some requests, ascending ids."""
+        self.latest = self.latest.part(~_is_in(self.latest.ids, ids))
+        self.earlier = self.earlier.part(~_is_in(self.earlier.ids, ids))
+
+    def expire(self, before_s: float) -> None:
+        if len(self.earlier) and self.earlier.seen_s.min() <= before_s:
+            self.earlier = self.earlier.part(self.earlier.seen_s > before_s)
 
 
 class RequestQueue:
-    """Requests for textures, best priority first, every particle at most once.
+    """Requests for textures under one light, each particle at most once.
 
-    A client is whoever looks: each new sighting of it replaces the priority of what it asked for before. What several
-    clients ask for has the best of their priorities. A request lapses when its client has not sighted the particle for
-    `expiry_s` though it kept sighting others, and no other client still wants it.
+    A client is whoever looks. Each sighting of it replaces what it told before about the same particles: T is the latest
+    sighting by any client, D the least of the clients' distances. A request stands as long as the latest sighting of some client
+    shows its particle, however long ago that was: a client that rests still shows it. It lapses `expiry_s` after the last sighting that did,
+    and at once when the only clients that asked for it are forgotten.
 
-    There is no thread, no lock and no clock inside: the owner (:class:`luxel.dynamic.engine.Engine`) calls every
-    method under its own lock and passes times in.
+    :meth:`pop` serves the best first, :meth:`pop_oldest` those that have waited longest, whatever their priority. Who calls the latter for every
+    n-th batch serves a request that stands, at the latest, with batch n (w + 1) from now, w being the requests that have waited as long or longer.
+
+    There is no thread, no lock and no clock inside: the owner (:class:`luxel.dynamic.desk.Desk`) calls every method under its own lock and passes
+    times in, which never fall.
 
     Parameters
     ----------
+    heuristic
+        Priorities.
     expiry_s
         In seconds.
     max_count
-        Requests at most for one light key; the worst are given up.
+        Requests at most; the worst are given up.
     """
 
-    def __init__(self, expiry_s: float = 2.0, max_count: int = 1 << 20) -> None:
+    def __init__(
+        self, heuristic: Heuristic = recent_and_near, expiry_s: float = 2.0, max_count: int = 1 << 20
+    ) -> None:
+        self.heuristic = heuristic
         self.expiry_s = expiry_s
         self.max_count = max_count
-        self._lanes: dict[str, _Lane] = {}
+        self._clients: dict[str, _Client] = {}
+        self._all = _NOTHING  # of all clients; those popped since are still among them
+        self._priority: Floats = np.empty(0)
+        self._taken: NDArray[np.bool_] = np.empty(0, np.bool_)
+        self._taken_count = 0
+        self._run: NDArray[np.intp] = np.empty(0, np.intp)  # the best of `_all`, best first …
+        self._head = 0  # … those before have been looked at
+        self._stale = False  # clients changed since `_all` was made
 
     def __len__(self) -> int:
-        return sum(len(lane) for lane in self._lanes.values())
+        return len(self._all) - self._taken_count
 
-    def keys(self) -> list[str]:
-        """Light keys with requests."""
-        return [key for key, lane in self._lanes.items() if len(lane)]
+    @property
+    def clients(self) -> list[str]:
+        """Those who asked for something and have not been forgotten."""
+        return list(self._clients)
 
-    def best(self, skip: Collection[str] = ()) -> str | None:
-        """Return the light key of the best request, leaving out keys in `skip`; None if there is none."""
-        heads = [
-            (lane.priority[lane.head], key)
-            for key, lane in self._lanes.items()
-            if len(lane) and key not in skip
-        ]
-        return max(heads)[1] if heads else None
+    @property
+    def ids(self) -> Ids:
+        """(len,) int32, what waits, ascending, as of the last :meth:`refresh`."""
+        return self._all.ids[~self._taken]
+
+    @property
+    def oldest_s(self) -> float:
+        """The least `since_s` of all that waits; infinite if nothing does."""
+        waiting = self._all.since_s[~self._taken]
+        return float(waiting.min()) if len(waiting) else math.inf
 
     def push(
-        self, key: str, ids: Ids, priority: NDArray[np.float64], now_s: float = 0.0, client: str = ""
-    ) -> Ids:
-        """Note what a client's latest sighting asks for; return the ids that are no longer queued for want of it.
+        self, ids: Ids, distance: Floats, pixels: Floats | None = None, now_s: float = 0.0, client: str = ""
+    ) -> None:
+        """Note what a client's latest sighting asks for; :meth:`refresh` takes it in.
 
         Parameters
         ----------
-        key
-            Light key.
         ids
-            (K,) int32, each once; empty when all that the client sees is there.
-        priority
-            (K,) float64, larger is sooner; see :func:`priority`.
+            (K,) int32, ascending, each once; empty when all that the client sees is there.
+        distance, pixels
+            (K,), see :class:`Requests`.
         now_s
             When, in seconds.
         client
             Who.
-
-        Returns
-        -------
-        ids
-            int32: requests that lapsed, and those that `max_count` has no room for.
         """
-        lane = self._lanes.setdefault(key, _Lane())
-        lane.settle()
-        order = np.argsort(ids)
-        fresh = _Wants(ids[order], np.asarray(priority[order], dtype=np.float64), np.full(len(ids), now_s))
-        wants = lane.clients.setdefault(client, _Wants())
-        wants.keep(~_is_in(wants.ids, fresh.ids))
-        current = now_s - wants.seen_s < self.expiry_s
-        lapsed = wants.ids[~current]
-        wants.keep(current)
-        wants.merge(fresh)
-        return np.concatenate([lane.unwanted(lapsed), self._sort(key)])
+        self._settle_taken()
+        known = self._clients.setdefault(client, _Client())
+        if not len(ids) and not len(known.latest):
+            return
+        self._stale = True
+        since = np.full(len(ids), now_s)
+        old = known.latest
+        if np.array_equal(ids, old.ids):
+            since = old.since_s
+            rest = _NOTHING
+        else:
+            rest = _carry_over(old, ids, since)
+        earlier = _carry_over(known.earlier, ids, since)
+        known.latest = Requests(
+            ids,
+            np.full(len(ids), now_s),
+            since,
+            np.asarray(distance, np.float64),
+            np.zeros(len(ids)) if pixels is None else np.asarray(pixels, np.float64),
+        )
+        known.earlier = _joined([earlier, rest])
 
-    def pop(self, count: int, key: str | None = None) -> tuple[str, Ids]:
-        """Take up to `count` requests of one light key, best first: of `key`, else of the key with the best request.
+    def forget(self, client: str) -> None:
+        """Withdraw what only this client asked for; :meth:`refresh` does it."""
+        self._settle_taken()
+        if self._clients.pop(client, None) is not None:
+            self._stale = True
 
-        Returns ``("", empty)`` when there is nothing.
+    def refresh(self, now_s: float) -> Ids:
+        """Bring the queue up to date; return the ids, ascending, of requests that it has given up since the last time.
+
+        They lapsed or were withdrawn, or `max_count` had no room for them.
         """
-        key = self.best() if key is None else key
-        lane = self._lanes.get(key) if key is not None else None
-        if key is None or lane is None:
-            return "", _NO_IDS
-        taken = lane.waiting()[:count]
-        lane.head += len(taken)
-        if not len(lane):
-            del self._lanes[key]
-        return key, taken
+        before_s = now_s - self.expiry_s
+        if not self._stale and not any(
+            len(each.earlier) and each.earlier.seen_s.min() <= before_s for each in self._clients.values()
+        ):
+            return _NO_IDS
+        self._settle_taken()
+        for each in self._clients.values():
+            each.expire(before_s)
+        before = self._all.ids
+        self._set(_merged([part for each in self._clients.values() for part in (each.latest, each.earlier)]))
+        self._stale = False
+        asked = self._all.ids
+        excess = self.limit(self.max_count)
+        gone = before[~_is_in(before, asked)]
+        return np.union1d(gone, excess) if len(excess) else gone
 
-    def cancel(self, key: str) -> Ids:
-        """Withdraw every request of a light key; return their ids."""
-        lane = self._lanes.pop(key, None)
-        return _NO_IDS if lane is None else lane.waiting()
-
-    def forget(self, client: str) -> list[tuple[str, Ids]]:
-        """Withdraw what only `client` wants; return it by light key."""
-        gone = []
-        for key in list(self._lanes):
-            lane = self._lanes[key]
-            lane.settle()
-            wants = lane.clients.pop(client, None)
-            if wants is not None:
-                gone.append((key, lane.unwanted(wants.ids)))
-                self._sort(key)
-        return gone
-
-    def _sort(self, key: str) -> Ids:
-        lane = self._lanes[key]
-        excess = lane.sort(self.max_count)
-        if not len(lane):
-            del self._lanes[key]
+    def limit(self, count: int) -> Ids:
+        """Give up the worst requests until at most `count` are left; return their ids, ascending."""
+        if len(self) <= count:
+            return _NO_IDS
+        self._settle_taken()
+        order = np.argpartition(-self._priority, count) if count else np.arange(len(self._all))
+        excess = np.sort(self._all.ids[order[count:]])
+        self._remove(excess)
         return excess
+
+    def pop(self, count: int) -> Ids:
+        """Take up to `count` requests, best first."""
+        found: list[NDArray[np.intp]] = []
+        while count > 0 and len(self):
+            if self._head >= len(self._run):
+                self._sort_run()
+            place = self._run[self._head : self._head + count]
+            self._head += len(place)
+            place = place[~self._taken[place]]  # pop_oldest may have been here
+            self._take(place)
+            found.append(place)
+            count -= len(place)
+        return self._all.ids[np.concatenate(found)] if found else _NO_IDS
+
+    def pop_oldest(self, count: int) -> Ids:
+        """Take up to `count` of the requests that have waited longest; of those that have waited as long, the best."""
+        if not len(self):
+            return _NO_IDS
+        place = np.flatnonzero((self._all.since_s == self.oldest_s) & ~self._taken)
+        best = np.argsort(-self._priority[place], kind="stable")[:count]
+        self._take(place[best])
+        return self._all.ids[place[best]]
+
+    def clear(self) -> Ids:
+        """Withdraw everything and forget all clients; return the ids of what waited."""
+        ids = self.ids
+        self._clients.clear()
+        self._set(_NOTHING)
+        self._stale = False
+        return ids
+
+    def _set(self, requests: Requests) -> None:
+        self._all = requests
+        self._priority = self.heuristic(requests)
+        self._taken = np.zeros(len(requests), np.bool_)
+        self._taken_count = 0
+        self._run, self._head = self._run[:0], 0
+
+    def _take(self, place: NDArray[np.intp]) -> None:
+        self._taken[place] = True
+        self._taken_count += len(place)
+
+    def _sort_run(self) -> None:
+        """Put the best of what waits in order; the whole would cost more than most of it is worth before it changes."""
+        waiting = np.flatnonzero(~self._taken)
+        priority = -self._priority[waiting]
+        if len(waiting) > 2 * _RUN_COUNT:
+            best = np.argpartition(priority, _RUN_COUNT)[:_RUN_COUNT]
+            waiting, priority = waiting[best], priority[best]
+        self._run = waiting[np.argsort(priority, kind="stable")]
+        self._head = 0
+
+    def _settle_taken(self) -> None:
+        """Take what has been popped out of all clients' requests."""
+        if self._taken_count:
+            self._remove(self._all.ids[self._taken])
+
+    def _remove(self, ids: Ids) -> None:
+        for each in self._clients.values():
+            each.remove(ids)
+        left = self._all.part(~_is_in(self._all.ids, ids))
+        self._set(left)
+
+
+def _carry_over(old: Requests, ids: Ids, since: Floats) -> Requests:
+    """Keep since when particles have been asked for that are sighted again; return the requests for others."""
+    if not len(old):
+        return _NOTHING
+    place = np.searchsorted(ids, old.ids)
+    place[place == len(ids)] = 0
+    again = ids[place] == old.ids if len(ids) else np.zeros(len(old), np.bool_)
+    since[place[again]] = old.since_s[again]
+    return old.part(~again)
+
+
+def _joined(parts: Iterable[Requests]) -> Requests:
+    """Sort requests for different particles into one list."""
+    parts = [part for part in parts if len(part)]
+    if not parts:
+        return _NOTHING
+    if len(parts) == 1:
+        return parts[0]
+    arrays = [
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("ids", "seen_s", "since_s", "distance", "pixels")
+    ]
+    return Requests(*arrays).part(np.argsort(arrays[0], kind="stable"))
+
+
+def _merged(parts: Iterable[Requests]) -> Requests:
+    """One request a particle: the latest sighting, the longest wait, the least distance, the largest width."""
+    every = _joined(parts)
+    if not len(every):
+        return every
+    first = np.flatnonzero(np.concatenate([[True], every.ids[1:] != every.ids[:-1]]))
+    if len(first) == len(every):
+        return every
+    return Requests(
+        every.ids[first],
+        np.maximum.reduceat(every.seen_s, first),
+        np.minimum.reduceat(every.since_s, first),
+        np.minimum.reduceat(every.distance, first),
+        np.maximum.reduceat(every.pixels, first),
+    )
 
 
 def _is_in(ids: Ids, ascending: Ids) -> NDArray[np.bool_]:
     """(K,) bool: which of `ids` occur in `ascending`. Faster than np.isin, which sorts both."""
-    if not len(ascending):
+    if not len(ascending) or not len(ids):
         return np.zeros(len(ids), dtype=bool)
     place = np.searchsorted(ascending, ids)
     place[place == len(ascending)] = 0

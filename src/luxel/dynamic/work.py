@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CoarseBatch", "CoarseListener", "Listener", "Listeners", "MakeBaker", "TileBaker", "TileBatch"]
+from luxel.dynamic.sightings import Ids
+
+__all__ = [
+    "Bakers",
+    "CoarseBatch",
+    "CoarseListener",
+    "Listener",
+    "Listeners",
+    "MakeBakers",
+    "TileBaker",
+    "TileBatch",
+]
 
 log = logging.getLogger(__name__)
 
-Ids = NDArray[np.int32]
 Batch = TypeVar("Batch")
 
 
@@ -26,13 +36,32 @@ class TileBaker(Protocol):
         """Return (K, 4) coarse records of (K,) `ids`, cheaply, even before `prepare`. Called from several threads."""
         ...
 
-    def prepare(self, threads: int) -> None:
-        """Do, on up to so many threads, what has to be done once before textures; called before the first of them."""
+    def preparation(self, threads: int) -> Iterator[None]:
+        """Do, on up to so many threads, what has to be done once before textures, a little with every step.
+
+        With one thread, steps are short. Run to its end before the first texture, by one thread at a time; it may be left off and begun again.
+        """
         ...
 
     def bake_into(self, ids: Ids, codes: NDArray[np.uint8]) -> int:
         """Fill (K, texels, texels) `codes` for (K,) `ids`; return the clipped texels. Called from several threads."""
         ...
+
+
+@dataclass(frozen=True)
+class Bakers:
+    """Who makes textures under one light.
+
+    Parameters
+    ----------
+    textures
+        As good as was asked for; also asked for first light.
+    estimates
+        Cheaper ones of the same shape and scale, shown until the former are there; None for none.
+    """
+
+    textures: TileBaker
+    estimates: TileBaker | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +76,8 @@ class TileBatch:
         (K,) int32 particle ids.
     codes
         (K, texels, texels) uint8.
+    estimate
+        (K,) bool: which of them are estimates; better ones may follow.
     stale
         Whether the light had changed when they were finished.
     """
@@ -54,6 +85,7 @@ class TileBatch:
     key: str
     ids: Ids
     codes: NDArray[np.uint8]
+    estimate: NDArray[np.bool_]
     stale: bool = False
 
     def __len__(self) -> int:
@@ -84,7 +116,7 @@ class CoarseBatch:
 
 Listener = Callable[[TileBatch], None]
 CoarseListener = Callable[[CoarseBatch], None]
-MakeBaker = Callable[[], TileBaker]
+MakeBakers = Callable[[], Bakers]
 
 
 class Listeners(Generic[Batch]):

@@ -9,7 +9,7 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.simd import LANES, fma, fnma, load, splat, store
 
-__all__ = ["WIDTH", "Learned", "filter_textures"]
+__all__ = ["WIDTH", "Learned", "fill_unknown", "filter_textures"]
 
 #: Room for so many directions.
 WIDTH = 2 * LANES
@@ -187,3 +187,37 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
         for t in range(texels):  # never beyond what was seen elsewhere on the same particle
             if exposed[n, t] == 0:
                 filtered[n, t] = min(max(filtered[n, t], low), high)
+
+
+@kernel
+def fill_unknown(values, known, beside):
+    """Give texels (K, D) that are not `known` the mean of their known neighbours, ring by ring, in place.
+
+    `beside` is (4, D) int32, see ``light.mapping.texel_neighbours``. Textures with no known texel become 0.
+    """
+    texels = values.shape[1]
+    ring = np.zeros(texels, np.int32)
+    for n in range(values.shape[0]):
+        row, have = values[n], known[n]
+        left = 0
+        for t in range(texels):
+            if not have[t]:
+                row[t] = _ZERO
+                left += 1
+        while 0 < left < texels:
+            found = 0
+            for t in range(texels):
+                if have[t]:
+                    continue
+                total, count = _ZERO, _ZERO
+                for k in range(beside.shape[0]):
+                    if have[beside[k, t]]:
+                        total += row[beside[k, t]]
+                        count += _ONE
+                if count > 0:
+                    row[t] = total / count
+                    ring[found] = t
+                    found += 1
+            for k in range(found):
+                have[ring[k]] = True
+            left -= found

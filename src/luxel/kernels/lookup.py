@@ -14,8 +14,17 @@ from numba import types
 from numba.extending import overload
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import item, prefetch
 
-__all__ = ["ClusteredTexels", "CodewordTexels", "LinearTexels", "four_codes", "side_of", "unpacked"]
+__all__ = [
+    "ClusteredTexels",
+    "CodewordTexels",
+    "LinearTexels",
+    "four_codes",
+    "prefetch_texels",
+    "side_of",
+    "unpacked",
+]
 
 _ZERO, _WHITE = np.float32(0), np.float32(255)
 _MIDDLE = np.float32(128)
@@ -74,31 +83,26 @@ def _code(value, unit):
 
 
 @kernel(inline=True)
-def _four_raw(codes, slot, r0, c0, r1, c1, r2, c2, r3, c3):
-    return codes[slot, r0, c0], codes[slot, r1, c1], codes[slot, r2, c2], codes[slot, r3, c3]
+def _four_raw(codes, slot, p, q, r, s):
+    base = np.intp(slot) * (codes.shape[1] * codes.shape[2])
+    return item(codes, base + p), item(codes, base + q), item(codes, base + r), item(codes, base + s)
 
 
 @kernel(inline=True)
-def _four_codeword(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+def _four_codeword(texels, slot, p, q, r, s):
     word = _little_endian(texels.words[slot], texels.words.shape[1])
-    return _four_raw(texels.codebook, word, r0, c0, r1, c1, r2, c2, r3, c3)
+    return _four_raw(texels.codebook, word, p, q, r, s)
 
 
 @kernel(inline=True)
-def _four_linear(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
-    t0, t1, t2, t3 = (
-        r0 * texels.side + c0,
-        r1 * texels.side + c1,
-        r2 * texels.side + c2,
-        r3 * texels.side + c3,
-    )
-    a, b, c, d = texels.offset[t0], texels.offset[t1], texels.offset[t2], texels.offset[t3]
+def _four_linear(texels, slot, p, q, r, s):
+    a, b, c, d = texels.offset[p], texels.offset[q], texels.offset[r], texels.offset[s]
     for k in range(texels.basis.shape[1]):
-        q = np.float32(texels.coefficients[slot, k]) - _MIDDLE
-        a += texels.basis[t0, k] * q
-        b += texels.basis[t1, k] * q
-        c += texels.basis[t2, k] * q
-        d += texels.basis[t3, k] * q
+        x = np.float32(texels.coefficients[slot, k]) - _MIDDLE
+        a += texels.basis[p, k] * x
+        b += texels.basis[q, k] * x
+        c += texels.basis[r, k] * x
+        d += texels.basis[s, k] * x
     return _code(a, texels.unit), _code(b, texels.unit), _code(c, texels.unit), _code(d, texels.unit)
 
 
@@ -113,36 +117,35 @@ def unpacked(record, bit, width):
 
 
 @kernel(inline=True)
-def _four_clustered(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+def _four_clustered(texels, slot, p, q, r, s):
     record = texels.records[slot]
     k = _little_endian(record, texels.lead)
-    t0, t1, t2, t3 = (
-        r0 * texels.side + c0,
-        r1 * texels.side + c1,
-        r2 * texels.side + c2,
-        r3 * texels.side + c3,
-    )
     basis, offset = texels.basis[k], texels.offset[k]
-    a, b, c, d = offset[t0], offset[t1], offset[t2], offset[t3]
+    a, b, c, d = offset[p], offset[q], offset[r], offset[s]
     bit = 8 * texels.lead
     for i in range(texels.counts[k]):
         width = int(texels.width[k, i])
         value = np.rint(texels.scale[k, i] * texels.levels[width, unpacked(record, bit, width)])
         bit += width
-        a += np.float32(basis[t0, i]) * value
-        b += np.float32(basis[t1, i]) * value
-        c += np.float32(basis[t2, i]) * value
-        d += np.float32(basis[t3, i]) * value
+        a += np.float32(basis[p, i]) * value
+        b += np.float32(basis[q, i]) * value
+        c += np.float32(basis[r, i]) * value
+        d += np.float32(basis[s, i]) * value
     return _code(a, texels.unit), _code(b, texels.unit), _code(c, texels.unit), _code(d, texels.unit)
 
 
-def four_codes(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
-    """Codes of four texels (row, column) of texture `slot`; for kernels only."""
+def four_codes(texels, slot, p, q, r, s):
+    """Codes of four texels of texture `slot`, each row · side + column; for kernels only."""
     raise NotImplementedError
 
 
 def side_of(texels):
     """Rows and columns of a texture; for kernels only."""
+    raise NotImplementedError
+
+
+def prefetch_texels(texels, slot, texel):
+    """Ask for what `four_codes` will read of texture `slot`, around this texel; for kernels only."""
     raise NotImplementedError
 
 
@@ -154,16 +157,14 @@ _FOUR = {
 
 
 @overload(four_codes, jit_options={"forceinline": True})
-def _four_codes(texels, slot, r0, c0, r1, c1, r2, c2, r3, c3):
+def _four_codes(texels, slot, p, q, r, s):
     if isinstance(texels, types.Array):
         read = _four_raw
     elif isinstance(texels, types.NamedTuple) and texels.instance_class in _FOUR:
         read = _FOUR[texels.instance_class]
     else:
         return None
-    return lambda texels, slot, r0, c0, r1, c1, r2, c2, r3, c3: read(
-        texels, slot, r0, c0, r1, c1, r2, c2, r3, c3
-    )
+    return lambda texels, slot, p, q, r, s: read(texels, slot, p, q, r, s)
 
 
 @overload(side_of, jit_options={"forceinline": True})
@@ -175,11 +176,25 @@ def _side_of(texels):
     return lambda texels: texels.side
 
 
+@overload(prefetch_texels, jit_options={"forceinline": True})
+def _prefetch_texels(texels, slot, texel):
+    if isinstance(texels, types.Array):
+        return lambda texels, slot, texel: prefetch(
+            texels, np.intp(slot) * (texels.shape[1] * texels.shape[2]) + texel
+        )
+    if texels.instance_class is CodewordTexels:
+        return lambda texels, slot, texel: prefetch(texels.words, slot * texels.words.shape[1])
+    if texels.instance_class is LinearTexels:
+        return lambda texels, slot, texel: prefetch(texels.coefficients, slot * texels.coefficients.shape[1])
+    return lambda texels, slot, texel: prefetch(texels.records, slot * texels.records.shape[1])
+
+
 @kernel
 def read_codes(texels, out):
     """Every texel of every texture, as lookups see them, to `out` (M, T, T) uint8."""
+    flat = out.reshape(-1)
+    count = out.shape[1] * out.shape[2]
     for slot in range(out.shape[0]):
-        for row in range(out.shape[1]):
-            for c in range(0, out.shape[2], 2):
-                a, b, _, _ = four_codes(texels, slot, row, c, row, c + 1, row, c, row, c)
-                out[slot, row, c], out[slot, row, c + 1] = a, b
+        for t in range(0, count, 2):
+            a, b, _, _ = four_codes(texels, slot, t, t + 1, t, t)
+            flat[slot * count + t], flat[slot * count + t + 1] = a, b

@@ -10,18 +10,21 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.simd import LANES, load, store
+from luxel.kernels.simd import LANES, fma, load, select, splat, store, to_int, vabs, vfloor, vmax, vmin, vsqrt
 from luxel.kernels.warp import turn, turns
 
 __all__ = [
+    "CORNER_STRIDE",
     "LATLONG",
     "OCTAHEDRAL",
     "point_directions",
     "square_directions",
+    "texel_corners",
     "texel_direction",
     "texel_directions",
     "texel_neighbours",
     "texel_uv",
+    "texel_weights",
     "wrapped",
 ]
 
@@ -143,6 +146,74 @@ def wrapped(mapping, texels, row, column):
     return row, column
 
 
+#: Words from one field to the next of what `texel_corners` writes.
+CORNER_STRIDE = 64
+
+
+@kernel(inline=True)
+def _quarters_lanes(y, x):
+    """As `_quarters`, sixteen at a time."""
+    low, high = vmin(x, y), vmax(x, y)
+    t = low / vmax(high, splat(np.float32(1e-20)))
+    s = t * t
+    p = fma(
+        s, fma(s, splat(np.float32(0.0051549)), splat(np.float32(-0.02403348))), splat(np.float32(0.0539597))
+    )
+    p = fma(s, fma(s, p, splat(np.float32(-0.08618352))), splat(np.float32(0.12665567)))
+    p = t * fma(s, fma(s, p, splat(np.float32(-0.21217248))), splat(np.float32(0.63661957)))
+    return select(y <= x, p, _ONE - p)
+
+
+@kernel(inline=True)
+def _latlong_uv_lanes(x, y, z):
+    zero = splat(_ZERO)
+    u = _QUARTER * _quarters_lanes(vabs(y), vabs(x))
+    u = select(x < zero, _HALF - u, u)
+    u = select(y < zero, _ONE - u, u)
+    v = _HALF * _quarters_lanes(vsqrt(fma(x, x, y * y)), vabs(z))
+    return u, select(z >= zero, v, _ONE - v)
+
+
+@kernel(inline=True)
+def _wrapped_columns(row, column, side):
+    """Latitude-longitude rows and columns inside the square of texels at most one beyond its edges."""
+    zero, last = splat(_ZERO), splat(np.float32(side - 1))
+    beyond = select(vmin(row, last - row) < zero, splat(np.float32(side // 2)), zero)
+    column = column + beyond
+    column = select(column < zero, column + np.float32(side), column)
+    return vmin(vmax(row, zero), last), select(column > last, column - np.float32(side), column)
+
+
+@kernel(inline=True, borrows=True)
+def texel_corners(mapping, side, x, y, z, apart, corners, at):
+    """The four texels around each of sixteen unit vectors, for bilinear lookups.
+
+    Writes two fields to float32 `apart`, how far the point lies across and down between the corners, [0, 1), and four
+    to int32 `corners`, the texels as `lookup.four_codes` takes them; each field from `at` on.
+    """
+    if mapping == OCTAHEDRAL:
+        step = CORNER_STRIDE
+        for k, v in enumerate((x, y, z)):
+            store(apart, at + k * step, v)
+        for k in range(at, at + LANES):
+            u, v = _octahedral_uv(apart[k], apart[k + step], apart[k + 2 * step])
+            across, down = u * np.float32(side) - _HALF, v * np.float32(side) - _HALF
+            column, row = int(np.floor(across)), int(np.floor(down))
+            apart[k], apart[k + step] = across - np.float32(column), down - np.float32(row)
+            for corner in range(4):
+                r, c = wrapped(mapping, side, row + (corner >> 1), column + (corner & 1))
+                corners[k + corner * step] = r * side + c
+        return
+    u, v = _latlong_uv_lanes(x, y, z)
+    across, down = u * np.float32(side) - _HALF, v * np.float32(side) - _HALF
+    column, row = vfloor(across), vfloor(down)
+    store(apart, at, across - column)
+    store(apart, at + CORNER_STRIDE, down - row)
+    for corner in range(4):
+        r, c = _wrapped_columns(row + np.float32(corner >> 1), column + np.float32(corner & 1), side)
+        store(corners, at + corner * CORNER_STRIDE, to_int(fma(r, splat(np.float32(side)), c)))
+
+
 @kernel
 def point_directions(mapping, u, v, found):
     """Write the directions (n, 3) of places (u, v), each (n,)."""
@@ -169,3 +240,19 @@ def texel_neighbours(mapping, texels, out):
                 right = 2 * k - 5 if k >= 2 else 0
                 r, c = wrapped(mapping, texels, row + down, column + right)
                 out[k, row * texels + column] = r * texels + c
+
+
+@kernel
+def texel_weights(mapping, texels, finer, places, weights):
+    """Flat indices and weights (4, F²) with which textures of T² texels are interpolated bilinearly at the centres of F² texels."""
+    ratio = np.float32(texels) / np.float32(finer)
+    for row in range(finer):
+        for column in range(finer):
+            x = (np.float32(column) + _HALF) * ratio - _HALF
+            y = (np.float32(row) + _HALF) * ratio - _HALF
+            left, top = int(np.floor(x)), int(np.floor(y))
+            a, b = x - np.float32(left), y - np.float32(top)
+            for k in range(4):
+                r, c = wrapped(mapping, texels, top + k // 2, left + k % 2)
+                places[k, row * finer + column] = r * texels + c
+                weights[k, row * finer + column] = (a if k % 2 else _ONE - a) * (b if k // 2 else _ONE - b)

@@ -18,7 +18,7 @@ from numba.extending import intrinsic, models, register_model
 
 __all__ = [
     "FAR", "LANES", "any_lane", "bits", "fma", "fnma", "lane_max", "lane_min", "load", "mask_from_bits",
-    "popcount", "select", "splat", "splat_int", "store", "trailing_zeros", "vabs", "vmax", "vmin", "vsqrt",
+    "popcount", "select", "splat", "splat_int", "store", "to_int", "trailing_zeros", "vabs", "vfloor", "vmax", "vmin", "vsqrt",
 ]  # fmt: skip
 
 LANES = 16
@@ -212,6 +212,7 @@ def _unary(name, intrinsic_name):
 
 vsqrt = _unary("vsqrt", f"llvm.sqrt.v{LANES}f32")
 vabs = _unary("vabs", f"llvm.fabs.v{LANES}f32")
+vfloor = _unary("vfloor", f"llvm.floor.v{LANES}f32")
 
 
 def _extremum(name, sign):
@@ -254,6 +255,12 @@ def mask_from_bits(typingctx, value):
         return builder.bitcast(builder.trunc(args[0], ir.IntType(LANES)), MASK.vector)
 
     return MASK(types.int64), emit
+
+
+@intrinsic
+def to_int(typingctx, a):
+    """Whole part of each lane, rounded towards zero; it must fit 32 bits."""
+    return I32(F32), lambda context, builder, sig, args: builder.fptosi(args[0], I32.vector)
 
 
 @intrinsic

@@ -1,4 +1,8 @@
-"""Primary rays: one frustum for each tile of 8 × 8 pixels goes down the sphere tree; at the leaves, rays lie in lanes."""
+"""Primary rays: one frustum for each tile of 8 × 8 pixels goes down the sphere tree; at the leaves, rays lie in lanes.
+
+The rays of a tile are numbered by blocks of 4 × 4 pixels, sixteen lanes each: at a leaf, two planes through the middle of the
+tile tell which spheres concern which blocks, so that a sphere two pixels wide meets 16 or 32 rays instead of 64.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +30,23 @@ from luxel.kernels.simd import (
 )  # fmt: skip
 from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE
 
-__all__ = ["TILE", "Eye", "primary_ray", "primary_tiles"]
+__all__ = [
+    "RAYS",
+    "TILE",
+    "Eye",
+    "Tile",
+    "make_tile",
+    "place_of",
+    "primary_ray",
+    "primary_tiles",
+    "ray_at",
+    "trace_tile",
+]
 
 TILE = 8
-_RAYS = TILE * TILE
+RAYS = TILE * TILE
 _FAR = np.float32(1e30)
-_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+_ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0, 0.5, 1, 2))
 
 
 class Eye(NamedTuple):
@@ -39,6 +54,7 @@ class Eye(NamedTuple):
 
     Perspective rays leave `origin` towards forward + sx·right + sy·up; orthographic rays leave
     origin + sx·right + sy·up along forward. (sx, sy) run over [-1, 1] from the left and from the bottom.
+    right, up and forward are perpendicular, and forward has length 1.
     """
 
     origin: np.ndarray  # (3,) float32
@@ -46,6 +62,54 @@ class Eye(NamedTuple):
     up: np.ndarray
     forward: np.ndarray
     orthographic: bool
+
+
+class Tile(NamedTuple):
+    """Working memory of one thread, and what `trace_tile` leaves there: rays, and what they hit first."""
+
+    rays: np.ndarray  # (6 · 64,) float32: origin x, y, z, direction x, y, z
+    best: np.ndarray  # (64,) float32 distance
+    found: (
+        np.ndarray
+    )  # (64,) int32 word of the tree's leaves that holds the particle's id; -1 for the background
+    places: np.ndarray  # (2 · 64,) float32: column and row of each ray within the tile
+    planes: np.ndarray  # (6 · 4,) float32 normals and offsets: left, right, top, bottom, the two middles
+    sides: np.ndarray  # (12,) int64 which face of a box lies farthest inside of each plane
+    stack: np.ndarray
+    near: np.ndarray
+    lanes: np.ndarray
+
+
+@kernel
+def make_tile(stack_size):
+    """Allocate the working memory of one thread."""
+    places = np.empty(2 * RAYS, np.float32)
+    for j in range(RAYS):
+        column, row = place_of(j)
+        places[j], places[RAYS + j] = column, row
+    return Tile(
+        np.empty(6 * RAYS, np.float32),
+        np.empty(RAYS, np.float32),
+        np.empty(RAYS, np.int32),
+        places,
+        np.empty(6 * 4, np.float32),
+        np.empty(12, np.int64),
+        np.empty(stack_size, np.int32),
+        np.empty(stack_size, np.float32),
+        np.empty(4 * LANES, np.float32),
+    )
+
+
+@kernel(inline=True)
+def place_of(ray):
+    """Column and row within its tile of a ray."""
+    return ((ray >> 4) & 1) * 4 + (ray & 3), (ray >> 5) * 4 + ((ray >> 2) & 3)
+
+
+@kernel(inline=True)
+def ray_at(column, row):
+    """Inverse of `place_of`."""
+    return (row >> 2) * 32 + (column >> 2) * 16 + (row & 3) * 4 + (column & 3)
 
 
 @kernel(inline=True)
@@ -66,33 +130,247 @@ def primary_ray(eye, x, y, width, height):
     return eye.origin[0], eye.origin[1], eye.origin[2], dx * scale, dy * scale, dz * scale
 
 
-@kernel
-def _tile_planes(eye, x, y, width, height, corner, planes):
-    """Write the four inward planes of a tile's frustum: normal and offset each."""
-    for c in range(4):
-        cx = np.float32(x + (TILE if c in (1, 2) else 0))
-        cy = np.float32(y + (TILE if c >= 2 else 0))
-        ox, oy, oz, dx, dy, dz = primary_ray(eye, cx, cy, width, height)
-        corner[c, 0], corner[c, 1], corner[c, 2] = ox, oy, oz
-        corner[c, 3], corner[c, 4], corner[c, 5] = dx, dy, dz
-    ortho = eye.orthographic
-    for c in range(4):
-        d, e = (c + 1) & 3, (c + 2) & 3
-        # Two directions in the plane, and one point of the opposite edge to tell the inside.
-        if ortho:
-            ax, ay, az = corner[d, 0] - corner[c, 0], corner[d, 1] - corner[c, 1], corner[d, 2] - corner[c, 2]
-            ix, iy, iz = corner[e, 0] - corner[c, 0], corner[e, 1] - corner[c, 1], corner[e, 2] - corner[c, 2]
+@kernel(borrows=True)
+def _aim(eye, tile, x, y, width, height):
+    """Make the rays of a tile, as `primary_ray` does; (x, y) is the image point of its first ray."""
+    rays, places = tile.rays, tile.places
+    wide, high = splat(_TWO / np.float32(width)), splat(_TWO / np.float32(height))
+    for v in range(0, RAYS, LANES):
+        sx = fma(load(places, v) + x, wide, splat(-_ONE))
+        sy = fnma(load(places, RAYS + v) + y, high, splat(_ONE))
+        ax = fma(sx, splat(eye.right[0]), sy * eye.up[0])
+        ay = fma(sx, splat(eye.right[1]), sy * eye.up[1])
+        az = fma(sx, splat(eye.right[2]), sy * eye.up[2])
+        ox, oy, oz = splat(eye.origin[0]), splat(eye.origin[1]), splat(eye.origin[2])
+        dx, dy, dz = splat(eye.forward[0]), splat(eye.forward[1]), splat(eye.forward[2])
+        if eye.orthographic:
+            ox, oy, oz = ox + ax, oy + ay, oz + az
         else:
-            ax, ay, az = corner[d, 3], corner[d, 4], corner[d, 5]
-            ix, iy, iz = corner[e, 3], corner[e, 4], corner[e, 5]
-        bx, by, bz = corner[c, 3], corner[c, 4], corner[c, 5]
-        nx, ny, nz = by * az - bz * ay, bz * ax - bx * az, bx * ay - by * ax
-        scale = _ONE / np.sqrt(nx * nx + ny * ny + nz * nz)
-        if nx * ix + ny * iy + nz * iz < 0:
-            scale = -scale
-        nx, ny, nz = nx * scale, ny * scale, nz * scale
-        planes[4 * c], planes[4 * c + 1], planes[4 * c + 2] = nx, ny, nz
-        planes[4 * c + 3] = -(nx * corner[c, 0] + ny * corner[c, 1] + nz * corner[c, 2])
+            dx, dy, dz = dx + ax, dy + ay, dz + az
+            scale = splat(_ONE) / vsqrt(fma(dx, dx, fma(dy, dy, dz * dz)))
+            dx, dy, dz = dx * scale, dy * scale, dz * scale
+        store(rays, v, ox)
+        store(rays, RAYS + v, oy)
+        store(rays, 2 * RAYS + v, oz)
+        store(rays, 3 * RAYS + v, dx)
+        store(rays, 4 * RAYS + v, dy)
+        store(rays, 5 * RAYS + v, dz)
+
+
+@kernel(borrows=True)
+def _put_planes(planes, eye, left, top, wide, high):
+    """Write six planes through the eye and a line of the picture: left, right, top, bottom, and the tile's two middles.
+
+    The first four are positive inside of the tile, which goes from sx = `left` and sy = `top` over `wide` and `high`; the
+    middles are positive to the right and above.
+    """
+    for p in range(6):
+        upright = p < 2 or p == 4
+        axis = eye.right if upright else eye.up
+        part = _HALF if p >= 4 else np.float32(p & 1)
+        line = left + part * wide if upright else top - part * high
+        scale = _ONE / (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
+        tilt = _ZERO if eye.orthographic else line
+        nx = axis[0] * scale - tilt * eye.forward[0]
+        ny = axis[1] * scale - tilt * eye.forward[1]
+        nz = axis[2] * scale - tilt * eye.forward[2]
+        norm = (-_ONE if p == 1 or p == 2 else _ONE) / np.sqrt(nx * nx + ny * ny + nz * nz)
+        nx, ny, nz = nx * norm, ny * norm, nz * norm
+        planes[4 * p], planes[4 * p + 1], planes[4 * p + 2] = nx, ny, nz
+        planes[4 * p + 3] = (
+            -(nx * eye.origin[0] + ny * eye.origin[1] + nz * eye.origin[2]) - (line - tilt) * norm
+        )
+
+
+@kernel(inline=True, borrows=True)
+def _height_above(planes, p, x, y, z):
+    """Signed distances of sixteen points from plane p."""
+    o = 4 * p
+    return fma(
+        x, splat(planes[o]), fma(y, splat(planes[o + 1]), fma(z, splat(planes[o + 2]), splat(planes[o + 3])))
+    )
+
+
+@kernel(borrows=True)
+def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
+    """Trace the 64 rays through (x + shift_x, y + shift_y), x from `tx` and y from `ty` on; write `tile`.
+
+    Returns whether any sphere came near the tile; if not, nothing is written and all is background.
+    """
+    nodes, child, spheres = tree.nodes, tree.child, tree.spheres
+    stack, near, lanes, rays, best, found = (
+        tile.stack,
+        tile.near,
+        tile.lanes,
+        tile.rays,
+        tile.best,
+        tile.found,
+    )
+    planes, sides = tile.planes, tile.sides
+    ortho = eye.orthographic
+    ox, oy, oz = eye.origin[0], eye.origin[1], eye.origin[2]
+    fx, fy, fz = eye.forward[0], eye.forward[1], eye.forward[2]
+    zero = splat(_ZERO)
+    # Rounding of the plane offsets grows with the distance of the eye.
+    slack = splat(np.float32(-1e-6) * (_TWO + abs(ox) + abs(oy) + abs(oz)))
+    wide, high = np.float32(TILE) * _TWO / np.float32(width), np.float32(TILE) * _TWO / np.float32(height)
+    left = np.float32(tx) * (_TWO / np.float32(width)) - _ONE
+    top = _ONE - np.float32(ty) * (_TWO / np.float32(height))
+    _put_planes(planes, eye, left, top, wide, high)
+    for c in range(4):
+        for a in range(3):
+            sides[3 * c + a] = ((3 if planes[4 * c + a] > 0 else 0) + a) * LANES
+    aimed = False
+    limit = _FAR  # no ray of the tile goes farther
+    height_of_stack = 0
+    current = 0
+    while True:
+        if current >= 0:
+            o = current * NODE
+            inside = splat(_FAR)
+            for c in range(4):
+                reach = _height_above(
+                    planes, c, load(nodes, o + sides[3 * c]), load(nodes, o + sides[3 * c + 1]), load(nodes, o + sides[3 * c + 2])
+                )  # fmt: skip
+                inside = vmin(inside, reach)
+            lx, ly, lz = load(nodes, o) - ox, load(nodes, o + LANES) - oy, load(nodes, o + 2 * LANES) - oz
+            hx, hy, hz = (
+                load(nodes, o + 3 * LANES) - ox,
+                load(nodes, o + 4 * LANES) - oy,
+                load(nodes, o + 5 * LANES) - oz,
+            )
+            if ortho:
+                ahead = vmin(lx * fx, hx * fx) + vmin(ly * fy, hy * fy) + vmin(lz * fz, hz * fz)
+            else:
+                ax, ay, az = (
+                    vmax(zero, vmax(lx, -hx)),
+                    vmax(zero, vmax(ly, -hy)),
+                    vmax(zero, vmax(lz, -hz)),
+                )
+                ahead = vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
+            m = bits((inside >= slack) & (ahead < limit))
+            if m != 0:
+                k = trailing_zeros(m)
+                m &= m - 1
+                base = o + CHILDREN
+                if m == 0:
+                    current = child[base + k]
+                    continue
+                store(lanes, 0, ahead)
+                bottom = height_of_stack
+                stack[bottom], near[bottom] = child[base + k], lanes[k]
+                height_of_stack += 1
+                while m != 0:  # insertion sort: nearest on top
+                    k = trailing_zeros(m)
+                    m &= m - 1
+                    t = lanes[k]
+                    j = height_of_stack
+                    while j > bottom and near[j - 1] < t:
+                        near[j], stack[j] = near[j - 1], stack[j - 1]
+                        j -= 1
+                    near[j], stack[j] = t, child[base + k]
+                    height_of_stack += 1
+                height_of_stack -= 1
+                current = stack[height_of_stack]
+                continue
+        else:
+            o = ~current * LEAF
+            cx, cy, cz = load(spheres, o), load(spheres, o + LANES), load(spheres, o + 2 * LANES)
+            r2 = load(spheres, o + 3 * LANES)
+            r = vsqrt(vmax(r2, zero))
+            edge = slack - r
+            touches = r2 > zero
+            for c in range(4):
+                touches = touches & (_height_above(planes, c, cx, cy, cz) >= edge)
+            if any_lane(touches):
+                if not aimed:
+                    aimed = True
+                    _aim(eye, tile, np.float32(tx) + shift_x, np.float32(ty) + shift_y, width, height)
+                    for v in range(0, RAYS, LANES):
+                        store(best, v, splat(_FAR))
+                        store(found, v, splat_int(np.int32(-1)))
+                ex, ey, ez = cx - ox, cy - oy, cz - oz
+                if ortho:
+                    ahead = fma(ex, splat(fx), fma(ey, splat(fy), ez * fz))
+                else:
+                    ahead = vsqrt(fma(ex, ex, fma(ey, ey, ez * ez)))
+                ahead = ahead + edge
+                touches = touches & (ahead < limit)
+                across, above = _height_above(planes, 4, cx, cy, cz), _height_above(planes, 5, cx, cy, cz)
+                west, east = touches & (across <= -edge), touches & (across >= edge)
+                north, south = above >= edge, above <= -edge
+                store(lanes, 0, cx)
+                store(lanes, LANES, cy)
+                store(lanes, 2 * LANES, cz)
+                store(lanes, 3 * LANES, r2)
+                changed = False
+                for block in range(4):
+                    if block == 0:
+                        m = bits(west & north)
+                    elif block == 1:
+                        m = bits(east & north)
+                    elif block == 2:
+                        m = bits(west & south)
+                    else:
+                        m = bits(east & south)
+                    if m == 0:
+                        continue
+                    v = block * LANES
+                    nearest = load(best, v)
+                    m &= bits(ahead < lane_max(nearest))
+                    if m == 0:
+                        continue
+                    changed = True
+                    who = load(found, v)
+                    dx, dy, dz = load(rays, 3 * RAYS + v), load(rays, 4 * RAYS + v), load(rays, 5 * RAYS + v)
+                    while m != 0:
+                        k = trailing_zeros(m)
+                        m &= m - 1
+                        sx, sy, sz = lanes[k], lanes[LANES + k], lanes[2 * LANES + k]
+                        if ortho:
+                            ex, ey, ez = (
+                                sx - load(rays, v),
+                                sy - load(rays, RAYS + v),
+                                sz - load(rays, 2 * RAYS + v),
+                            )
+                        else:
+                            ex, ey, ez = splat(sx - ox), splat(sy - oy), splat(sz - oz)
+                        b = fma(dx, ex, fma(dy, ey, dz * ez))
+                        px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
+                        disc = fnma(px, px, fnma(py, py, fnma(pz, pz, splat(lanes[3 * LANES + k]))))
+                        # No branch: it would be mispredicted every other time. A hit has disc > 0 and t > 0.
+                        t = b - vsqrt(vmax(disc, zero))
+                        t = select(vmin(disc, t) > zero, t, splat(_FAR))
+                        who = select(t < nearest, splat_int(np.int32(o + IDS + k)), who)
+                        nearest = vmin(t, nearest)
+                    store(best, v, nearest)
+                    store(found, v, who)
+                if changed:
+                    limit = lane_max(
+                        vmax(
+                            vmax(load(best, 0), load(best, LANES)),
+                            vmax(load(best, 2 * LANES), load(best, 3 * LANES)),
+                        )
+                    )
+        while height_of_stack > 0 and near[height_of_stack - 1] >= limit:
+            height_of_stack -= 1
+        if height_of_stack == 0:
+            return aimed
+        height_of_stack -= 1
+        current = stack[height_of_stack]
+
+
+@kernel(borrows=True)
+def _trace_rows(tree, eye, tile, width, height, shift_x, shift_y, first_row, last_row, distance, ids):
+    for ty in range(first_row, last_row, TILE):
+        for tx in range(0, width, TILE):
+            near = trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y)
+            for row in range(min(TILE, min(height, last_row) - ty)):
+                for column in range(min(TILE, width - tx)):
+                    j = ray_at(column, row)
+                    hit = near and tile.found[j] >= 0
+                    distance[ty + row, tx + column] = tile.best[j] if hit else np.float32(np.inf)
+                    ids[ty + row, tx + column] = tree.ids[tile.found[j]] if hit else np.int32(-1)
 
 
 @kernel
@@ -101,156 +379,5 @@ def primary_tiles(tree, eye, width, height, shift_x, shift_y, first_row, last_ro
 
     Writes `distance` (H, W) float32, infinite for the background, and `ids` (H, W) int32, -1 for the background.
     """
-    nodes, child, spheres, sphere_ids = tree.nodes, tree.child, tree.spheres, tree.ids
-    stack, near = np.empty(tree.stack_size, np.int32), np.empty(tree.stack_size, np.float32)
-    lanes = np.empty(4 * LANES, np.float32)
-    rays = np.empty(6 * _RAYS, np.float32)  # origin x, y, z, direction x, y, z
-    best, slot = np.empty(_RAYS, np.float32), np.empty(_RAYS, np.int32)
-    corner, planes = np.empty((4, 6), np.float32), np.empty(16, np.float32)
-    low_or_high = np.zeros(12, np.int64)
-    ortho = eye.orthographic
-    ox, oy, oz = eye.origin[0], eye.origin[1], eye.origin[2]
-    fx, fy, fz = eye.forward[0], eye.forward[1], eye.forward[2]
-    zero = splat(_ZERO)
-    # Rounding of the plane offsets grows with the distance of the eye.
-    slack = splat(np.float32(-1e-6) * (_TWO + abs(ox) + abs(oy) + abs(oz)))
-    for ty in range(first_row, last_row, TILE):
-        for tx in range(0, width, TILE):
-            for j in range(_RAYS):
-                x = np.float32(tx + (j & (TILE - 1))) + shift_x
-                y = np.float32(ty + j // TILE) + shift_y
-                rx, ry, rz, dx, dy, dz = primary_ray(eye, x, y, width, height)
-                rays[j], rays[_RAYS + j], rays[2 * _RAYS + j] = rx, ry, rz
-                rays[3 * _RAYS + j], rays[4 * _RAYS + j], rays[5 * _RAYS + j] = dx, dy, dz
-                best[j], slot[j] = _FAR, -1
-            _tile_planes(eye, tx, ty, width, height, corner, planes)
-            for c in range(4):
-                for a in range(3):
-                    low_or_high[3 * c + a] = ((3 if planes[4 * c + a] > 0 else 0) + a) * LANES
-            limit = _FAR
-            height_of_stack = 0
-            current = 0
-            while True:
-                if current >= 0:
-                    o = current * NODE
-                    inside = splat(_FAR)
-                    for c in range(4):
-                        reach = fma(
-                            load(nodes, o + low_or_high[3 * c]), splat(planes[4 * c]),
-                            fma(
-                                load(nodes, o + low_or_high[3 * c + 1]), splat(planes[4 * c + 1]),
-                                fma(load(nodes, o + low_or_high[3 * c + 2]), splat(planes[4 * c + 2]), splat(planes[4 * c + 3])),
-                            ),
-                        )  # fmt: skip
-                        inside = vmin(inside, reach)
-                    lx, ly, lz = (
-                        load(nodes, o) - ox,
-                        load(nodes, o + LANES) - oy,
-                        load(nodes, o + 2 * LANES) - oz,
-                    )
-                    hx, hy, hz = (
-                        load(nodes, o + 3 * LANES) - ox,
-                        load(nodes, o + 4 * LANES) - oy,
-                        load(nodes, o + 5 * LANES) - oz,
-                    )
-                    if ortho:
-                        ahead = vmin(lx * fx, hx * fx) + vmin(ly * fy, hy * fy) + vmin(lz * fz, hz * fz)
-                    else:
-                        ax, ay, az = (
-                            vmax(zero, vmax(lx, -hx)),
-                            vmax(zero, vmax(ly, -hy)),
-                            vmax(zero, vmax(lz, -hz)),
-                        )
-                        ahead = vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
-                    m = bits((inside >= slack) & (ahead < limit))
-                    if m != 0:
-                        k = trailing_zeros(m)
-                        m &= m - 1
-                        base = o + CHILDREN
-                        if m == 0:
-                            current = child[base + k]
-                            continue
-                        store(lanes, 0, ahead)
-                        bottom = height_of_stack
-                        stack[bottom], near[bottom] = child[base + k], lanes[k]
-                        height_of_stack += 1
-                        while m != 0:
-                            k = trailing_zeros(m)
-                            m &= m - 1
-                            t = lanes[k]
-                            j = height_of_stack
-                            while j > bottom and near[j - 1] < t:
-                                near[j], stack[j] = near[j - 1], stack[j - 1]
-                                j -= 1
-                            near[j], stack[j] = t, child[base + k]
-                            height_of_stack += 1
-                        height_of_stack -= 1
-                        current = stack[height_of_stack]
-                        continue
-                else:
-                    o = ~current * LEAF
-                    cx, cy, cz = load(spheres, o), load(spheres, o + LANES), load(spheres, o + 2 * LANES)
-                    r2 = load(spheres, o + 3 * LANES)
-                    edge = slack - vsqrt(vmax(r2, zero))
-                    touches = r2 > zero
-                    for c in range(4):
-                        side = fma(cx, splat(planes[4 * c]), fma(cy, splat(planes[4 * c + 1]), fma(cz, splat(planes[4 * c + 2]), splat(planes[4 * c + 3]))))  # fmt: skip
-                        touches = touches & (side >= edge)
-                    m = bits(touches)
-                    if m != 0:
-                        store(lanes, 0, cx)
-                        store(lanes, LANES, cy)
-                        store(lanes, 2 * LANES, cz)
-                        store(lanes, 3 * LANES, r2)
-                        changed = False
-                        while m != 0:
-                            k = trailing_zeros(m)
-                            m &= m - 1
-                            sx, sy, sz, sr2 = (
-                                lanes[k],
-                                lanes[LANES + k],
-                                lanes[2 * LANES + k],
-                                lanes[3 * LANES + k],
-                            )
-                            me = splat_int(np.int32(o + IDS + k))
-                            ex, ey, ez = splat(sx - ox), splat(sy - oy), splat(sz - oz)
-                            for v in range(0, _RAYS, LANES):
-                                if ortho:
-                                    ex = sx - load(rays, v)
-                                    ey = sy - load(rays, _RAYS + v)
-                                    ez = sz - load(rays, 2 * _RAYS + v)
-                                dx, dy, dz = (
-                                    load(rays, 3 * _RAYS + v),
-                                    load(rays, 4 * _RAYS + v),
-                                    load(rays, 5 * _RAYS + v),
-                                )
-                                b = fma(dx, ex, fma(dy, ey, dz * ez))
-                                px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
-                                disc = fnma(px, px, fnma(py, py, fnma(pz, pz, splat(sr2))))
-                                hit = disc > zero
-                                if any_lane(hit):
-                                    t = b - vsqrt(vmax(disc, zero))
-                                    before = load(best, v)
-                                    hit = hit & (t < before) & (t > zero)
-                                    store(best, v, select(hit, t, before))
-                                    store(slot, v, select(hit, me, load(slot, v)))
-                                    changed = True
-                        if changed:
-                            limit = lane_max(
-                                vmax(
-                                    vmax(load(best, 0), load(best, LANES)),
-                                    vmax(load(best, 2 * LANES), load(best, 3 * LANES)),
-                                )
-                            )
-                while height_of_stack > 0 and near[height_of_stack - 1] >= limit:
-                    height_of_stack -= 1
-                if height_of_stack == 0:
-                    break
-                height_of_stack -= 1
-                current = stack[height_of_stack]
-            for j in range(_RAYS):
-                x, y = tx + (j & (TILE - 1)), ty + j // TILE
-                if x < width and y < min(height, last_row):
-                    found = slot[j] >= 0
-                    distance[y, x] = best[j] if found else np.float32(np.inf)
-                    ids[y, x] = sphere_ids[slot[j]] if found else np.int32(-1)
+    tile = make_tile(tree.stack_size)
+    _trace_rows(tree, eye, tile, width, height, shift_x, shift_y, first_row, last_row, distance, ids)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.filter import WIDTH, Learned, filter_textures
+from luxel.kernels.filter import WIDTH, Learned, fill_unknown, filter_textures
 from luxel.kernels.simd import LANES
 from luxel.light.mapping import Mapping, texel_neighbours, texel_solid_angles
 from luxel.light.sampling import Drawn, Samples
@@ -203,19 +203,8 @@ def dilate(
 
     Textures with no known texel become 0.
     """
-    filled = np.where(known, textures, np.float32(0)).astype(np.float32).reshape(len(textures), -1)
-    have = known.reshape(filled.shape).copy()
-    neighbours = texel_neighbours(mapping, textures.shape[2])
-    while True:
-        open_ones = ~have & have.any(axis=1, keepdims=True)
-        if not open_ones.any():
-            return filled.reshape(textures.shape)
-        masked = np.where(have, filled, np.float32(0))
-        total = np.zeros_like(filled)
-        weight = np.zeros_like(filled)
-        for beside in neighbours:
-            total += masked[:, beside]
-            weight += have[:, beside]
-        grown = open_ones & (weight > 0)
-        filled[grown] = total[grown] / weight[grown]
-        have |= grown
+    count, rows, columns = textures.shape
+    filled = np.array(textures, np.float32).reshape(count, rows * columns)
+    # The kernel ticks off what it fills.
+    fill_unknown(filled, np.array(known).reshape(filled.shape), texel_neighbours(mapping, columns))
+    return filled.reshape(textures.shape)

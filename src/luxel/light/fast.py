@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,10 @@ from luxel.light.sampling import Drawn, RaySets, Samples, draw_paths, draw_rays
 
 __all__ = ["FastLight", "in_batches"]
 
+Result = TypeVar("Result")
+
 _BATCH_COUNT = 32
+_STEP_COUNT = 8  # a few milliseconds
 # The filter learns from this many lit textures, sampled at least so well.
 _TRAINING_COUNT = 512
 _TRAINING_SAMPLES = 9
@@ -29,7 +32,7 @@ _TRAINING_SETS = 16
 _TRAINING_CANDIDATES = 16_384
 _TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
 _LIT = 0.02  # of the luminance scale
-# Particles whose records saw no light get one sample a texel; if these see less than this, they stay so.
+# Error told of particles in which neither their record nor a sample a texel found light, of the luminance scale.
 _DARK = 0.002
 # Independent drawings of one texture.
 _DRAWN, _FIRST, _SECOND = 0, 1, 2
@@ -44,21 +47,55 @@ class FastLight:
         What to light, and the luminance of code 255.
     mapping, texels, samples, seed
         See :class:`luxel.TextureSpec`.
+    hidden
+        (N,) bool: particles that do not exist in this world, from which the filter does not learn.
+    book
+        Coarse records of the world, if there are some already.
     """
 
     def __init__(
-        self, world: World, scale: float, mapping: Mapping, texels: int, samples: int, seed: int
+        self,
+        world: World,
+        scale: float,
+        mapping: Mapping,
+        texels: int,
+        samples: int,
+        seed: int,
+        hidden: NDArray[np.bool_] | None = None,
+        *,
+        book: RecordBook | None = None,
     ) -> None:
+        self._hidden = hidden
         self._world, self._scale, self._seed = world, scale, seed
         self._mapping, self._texels, self._samples = mapping, texels, samples
         self._lock = threading.Lock()
         self._sets: dict[tuple[int, int], RaySets] = {}
-        self._book = RecordBook(world)
+        self._book = RecordBook(world) if book is None else book
         self._filter: TextureFilter | None = None
+
+    def coarser(self, texels: int, samples: int) -> FastLight:
+        """Return light of the same world and seed at another resolution; coarse records are shared."""
+        return FastLight(
+            self._world,
+            self._scale,
+            self._mapping,
+            texels,
+            samples,
+            self._seed,
+            self._hidden,
+            book=self._book,
+        )
 
     def prepare(self, threads: int) -> None:
         """Learn the filter, once."""
         self._learned(threads)
+
+    def preparation(self, threads: int) -> Iterator[None]:
+        """As :meth:`prepare`, with one thread in short steps."""
+        if self._filter is None:
+            learned = yield from self._learn(threads)
+            with self._lock:
+                self._filter = self._filter or learned
 
     def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (K, T, T) luminance and (K,) the standard error expected of an exposed texel."""
@@ -66,14 +103,11 @@ class FastLight:
         dark = self._dark(ids) if self._samples > 1 else np.zeros(len(ids), np.bool_)
         if not dark.any():
             return learned.apply(self._draw(ids, self._samples, _DRAWN))
-        luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
-        error = np.empty(len(ids), np.float32)
+        luminance = np.zeros((len(ids), self._texels, self._texels), np.float32)
+        error = np.full(len(ids), _DARK * self._scale, np.float32)
         seen, sun = self._draw(ids[dark], 1, _DRAWN)
         glimpse = seen.mean if sun is None else seen.mean + sun.mean
-        black = glimpse.mean(axis=(1, 2)) < _DARK * self._scale
-        still = np.flatnonzero(dark)[black]
-        luminance[still], error[still] = glimpse[black], _DARK * self._scale
-        rest = np.setdiff1d(np.arange(len(ids)), still)
+        rest = np.setdiff1d(np.arange(len(ids)), np.flatnonzero(dark)[~glimpse.any(axis=(1, 2))])
         if len(rest):
             luminance[rest], error[rest] = learned.apply(self._draw(ids[rest], self._samples, _DRAWN))
         return luminance, error
@@ -120,18 +154,20 @@ class FastLight:
     def _learned(self, threads: int) -> TextureFilter:
         with self._lock:
             if self._filter is None:
-                self._filter = self._learn(threads)
+                self._filter = _at_once(self._learn(threads))
             return self._filter
 
-    def _learn(self, threads: int) -> TextureFilter:
+    def _learn(self, threads: int) -> Generator[None, None, TextureFilter]:
         """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
         shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii))
+        if self._hidden is not None and not self._hidden.all():
+            shuffled = shuffled[~self._hidden[shuffled]]
         order = shuffled[:_TRAINING_CANDIDATES].astype(np.int32)
         lit: list[NDArray[np.int32]] = []
         found = 0
         for start in range(0, len(order), _TRAINING_ROUND):
             part = order[start : start + _TRAINING_ROUND]
-            level = in_batches(self._level, part, threads)
+            level = yield from _in_steps(self._level, part, threads)
             lit.append(part[np.concatenate(level) > _LIT * self._scale])
             found += len(lit[-1])
             if found >= _TRAINING_COUNT:
@@ -139,14 +175,13 @@ class FastLight:
         chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
         well = max(_TRAINING_SAMPLES, min(self._samples, 4 * _TRAINING_SAMPLES))
 
-        def drawn(samples: int, drawing: int) -> Drawn:
-            parts = in_batches(partial(self._draw, samples=samples, drawing=drawing), chosen, threads)
-            rest, sun = zip(*parts, strict=True)
-            return Drawn(_joined(rest), None if sun[0] is None else _joined(sun))
-
-        return TextureFilter.learn(
-            drawn(well, _FIRST), drawn(well, _SECOND), drawn(self._samples, _DRAWN), self._mapping
-        )
+        drawings = []
+        for samples, drawing in ((well, _FIRST), (well, _SECOND), (self._samples, _DRAWN)):
+            draw = partial(self._draw, samples=samples, drawing=drawing)
+            rest, sun = zip(*(yield from _in_steps(draw, chosen, threads)), strict=True)
+            drawings.append(Drawn(_joined(rest), None if sun[0] is None else _joined(sun)))
+        first, second, drawn = drawings
+        return TextureFilter.learn(first, second, drawn, self._mapping)
 
     def _level(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
         """Mean luminance by the records alone."""
@@ -158,6 +193,30 @@ def in_batches(work: Callable[[NDArray[np.int32]], Any], ids: NDArray[np.int32],
     parts = [ids[k : k + _BATCH_COUNT] for k in range(0, len(ids), _BATCH_COUNT)]
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(work, parts))
+
+
+def _in_steps(
+    work: Callable[[NDArray[np.int32]], Any], ids: NDArray[np.int32], threads: int
+) -> Generator[None, None, list[Any]]:
+    """As `in_batches`; with one thread, a batch with every step."""
+    if threads > 1:
+        yield
+        return in_batches(work, ids, threads)
+    found = []
+    for k in range(0, len(ids), _STEP_COUNT):
+        yield
+        found.append(work(ids[k : k + _STEP_COUNT]))
+    return found
+
+
+def _at_once(steps: Generator[None, None, Result]) -> Result:
+    """Run all steps; return their result."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as done:
+            result: Result = done.value
+            return result
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

@@ -70,9 +70,13 @@ def luminance_scale(scene: Scene) -> float:
 
 
 def _levels(scene: Scene) -> tuple[float, float]:
-    low, high = scene.particles.bounds
     sky, direct = 0.0, 0.0
-    for light in scene.effective_lights:
+    lights = scene.effective_lights
+    if any(
+        isinstance(light, SphereLight | QuadLight) for light in lights
+    ):  # bounds take a pass over all particles
+        low, high = scene.particles.bounds
+    for light in lights:
         match light:
             case Sky():
                 sky = max(light.level, light.level if light.ground is None else light.ground)

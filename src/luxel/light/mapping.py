@@ -16,6 +16,7 @@ __all__ = [
     "texel_directions",
     "texel_neighbours",
     "texel_solid_angles",
+    "texel_weights",
 ]
 
 Mapping = Literal["latlong", "octahedral"]
@@ -85,6 +86,29 @@ def texel_neighbours(mapping: Mapping, texels: int) -> NDArray[np.int32]:
     found = np.empty((4, _checked(texels) ** 2), np.int32)
     kernels.texel_neighbours(mapping_code(mapping), texels, found)
     return found
+
+
+def texel_weights(mapping: Mapping, texels: int, finer: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Return how to interpolate textures bilinearly at the centres of more texels.
+
+    Parameters
+    ----------
+    mapping
+        ``"latlong"`` or ``"octahedral"``.
+    texels, finer
+        T and F, rows and columns before and after.
+
+    Returns
+    -------
+    places, weights
+        (4, F²) int32 flat indices of texels; (4, F²) float32, which add up to 1 over the four.
+    """
+    from luxel.kernels import mapping as kernels
+
+    places = np.empty((4, _checked(finer) ** 2), np.int32)
+    weights = np.empty(places.shape, np.float32)
+    kernels.texel_weights(mapping_code(mapping), _checked(texels), finer, places, weights)
+    return places, weights
 
 
 def _checked(texels: int) -> int:

@@ -47,10 +47,11 @@ def make_periodic(scene: Scene, ghost_reach: float | None = None) -> Periodic:
     spheres = SphereSet.of(scene.particles)
     with _LOCK:
         # Only the latest is kept: it weighs as much as the particles' own tree.
+        hidden = None if scene.hidden is None else np.packbits(scene.hidden).tobytes()
         key, made = spheres.derived.get("periodic", (None, None))
-        if key != (scene.axes, ghost_reach):
+        if key != (scene.axes, ghost_reach, hidden):
             made = _make(scene, spheres, ghost_reach)
-            spheres.derived["periodic"] = (scene.axes, ghost_reach), made
+            spheres.derived["periodic"] = (scene.axes, ghost_reach, hidden), made
     cell: Periodic = made
     return cell._replace(images=scene.periodic_images)
 
@@ -79,7 +80,7 @@ def _make(scene: Scene, spheres: SphereSet, ghost_reach: float | None) -> Period
     centers = np.concatenate([place, place[owner] + image @ vectors]).astype(np.float32)
     images = SphereSet(centers, spheres.radii[original], np.zeros(3), spheres.unit)
     return Periodic(
-        SphereTree(images).arrays,
+        SphereTree(images, hidden=None if scene.hidden is None else scene.hidden[original]).arrays,
         centers,
         original,
         first,

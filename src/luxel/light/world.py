@@ -32,15 +32,15 @@ def make_world(
     tree: SphereTree | None = None,
     ghost_reach: float | None = None,
 ) -> path.World:
-    """Return what light kernels take; reuses `tree` when it was built for the same particles.
+    """Return what light kernels take; reuses `tree` when it was built for the same particles, none of them hidden.
 
     `ghost_reach` matters to periodic scenes only, see :func:`luxel.light.periodic.make_periodic`.
     """
     if not 0 <= seed < 2**63:
         raise InputError(f"seed must be a whole number in 0..2^63-1, got {seed}")
     spheres = SphereSet.of(scene.particles)
-    if tree is None or tree.spheres is not spheres:
-        tree = SphereTree.of(spheres)
+    if tree is None or tree.spheres is not spheres or scene.hidden is not None:
+        tree = SphereTree.of(spheres, scene.hidden)
     reach = _NO_LIMIT
     if scene.model == "ao" and scene.ao_distance is not None:
         reach = np.float32(spheres.length_to_unit(scene.ao_distance))

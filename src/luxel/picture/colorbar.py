@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from luxel.particles import Particles
 from luxel.picture.ticks import tick_labels
-from luxel.scene.colormap import rgb, srgb_to_linear
+from luxel.scene.colormap import RGB, rgb, srgb_to_linear
 from luxel.scene.view import View, lut_rows
 
 if TYPE_CHECKING:
@@ -33,8 +33,8 @@ def draw_colorbar(pixels: NDArray[np.uint8], view: View, particles: Particles) -
     """Return a copy of `pixels` (H, W, 3 or 4) uint8 with a vertical colour bar at the right.
 
     Codes and categories are shown as discs with labels, and NaN as one more, "no data". An arrow at an end of the bar says
-    that some data lie beyond it. Pictures of particles without a scalar (``color_by=None``) or smaller than
-    140 x 100 pixels stay as they are.
+    that some data lie beyond it. Pictures of particles without a scalar (``color_by=None``), with colours of their own, or smaller
+    than 140 x 100 pixels stay as they are.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def draw_colorbar(pixels: NDArray[np.uint8], view: View, particles: Particles) -
         If the particles have no such scalar.
     """
     height, width = pixels.shape[:2]
-    if view.color_by is None or width < _LEAST_SIZE[0] or height < _LEAST_SIZE[1]:
+    if view.color_by is None or view.colormap == RGB or width < _LEAST_SIZE[0] or height < _LEAST_SIZE[1]:
         return pixels.copy()
     sketch = _Sketch(width, height)
     _lay_out(sketch, _legend(view, particles, sketch), view.color_by)

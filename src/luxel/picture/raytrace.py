@@ -2,28 +2,40 @@
 
 from __future__ import annotations
 
-import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from luxel.errors import InputError
 from luxel.kernels import shade, tiles
 from luxel.kernels.path import World
-from luxel.light.lights import scene_white
-from luxel.light.mapping import Mapping, mapping_code
+from luxel.kernels.tone import develop_rows
+from luxel.light.mapping import Mapping
 from luxel.light.world import make_world
+from luxel.particles import Particles
+from luxel.picture.drawing import (
+    Crew,
+    bare_table,
+    checked_size,
+    draw_rays,
+    make_eye,
+    make_skin,
+    make_tone,
+    ray_shifts,
+    seen_tree,
+    trace_primary,
+)
 from luxel.picture.image import Image
 from luxel.scene.camera import Camera
-from luxel.scene.colormap import linear_to_srgb, rgb, srgb_to_linear
+from luxel.scene.from_arrays import looked_at
 from luxel.scene.scene import Scene
 from luxel.scene.view import View
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import Mode, TextureSpec, light_key
-from luxel.textures.textures import TextureSource, TextureTable, decoding_table
+from luxel.textures.textures import TextureSource, TextureTable
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import run_parts, thread_count
 
@@ -32,16 +44,16 @@ __all__ = ["render", "visible_ids"]
 Progress = Callable[[int, int], None]
 Light = Literal["texture", "pixel"]
 
-_BAND = 4 * tiles.TILE  # rows a task
-_MOST_PIXELS = 2**28
-
 
 def render(
-    scene: Scene,
+    scene: Scene | Particles | ArrayLike,
     view: View | None = None,
     textures: TextureSource | None = None,
     size: tuple[int, int] = (1280, 720),
     *,
+    radii: ArrayLike | None = None,
+    colors: ArrayLike | str | None = None,
+    color_by: ArrayLike | str | None = None,
     light: Light = "texture",
     samples: int | None = None,
     mode: Mode = "fast",
@@ -58,12 +70,17 @@ def render(
     Parameters
     ----------
     scene, view
-        What to draw and how; the default view frames the data.
+        What to draw and how; the default view frames the data. What either hides is not drawn. Particles, or a plain
+        (N, 3) array of positions, get the default lights.
     textures
         A bake or another source of textures; particles that it has none for show their coarse record, or are
         Lambert. None bakes the textures of the visible particles first.
     size
         Width and height in pixels.
+    radii, colors, color_by
+        Of an array of positions: radii (N,) or one number; sRGB colours (N, 3), whole numbers 0..255 or others 0..1,
+        which light makes brighter or darker without changing their hue; or values (N,) to be shown in the view's
+        colour map. With a scene, `color_by` is the name of a scalar.
     light
         ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
     samples
@@ -89,10 +106,12 @@ def render(
     Raises
     ------
     InputError
-        For a size, light or sample count out of range.
+        For a size, light or sample count out of range, and arrays of wrong shape.
     """
+    subject, view = looked_at(scene, view, radii=radii, colors=colors, color_by=color_by)
+    scene = subject if isinstance(subject, Scene) else Scene(subject)
     view = view or View()
-    width, height = _checked_size(size)
+    width, height = checked_size(size)
     if light not in ("texture", "pixel"):
         raise InputError(f"light must be texture or pixel, got {light!r}")
     if not 1 <= antialias <= 16:
@@ -100,26 +119,23 @@ def render(
     workers = thread_count(threads)
     camera = view.camera_for(scene.particles, (width, height))
     world = make_world(scene, seed=seed)
+    seen = world._replace(tree=seen_tree(scene, view).arrays)
     eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
     colors = view.colors(scene.particles)
     total = np.zeros((height, width, 5), np.float32)
-    shifts = list(_shifts(antialias))
+    shifts = ray_shifts(antialias)
     if light == "pixel":
         spp = 64 if samples is None else samples
         if spp < 1:
             raise InputError(f"samples must be at least 1, got {samples}")
-        _draw_pixels(world, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
+        _draw_pixels(world, seen, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
     else:
         spec = TextureSpec(samples=4 if samples is None else samples, mode=mode, seed=seed, mapping=mapping)
-        table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, world)
-        draw_textures(world, eye, shifts, table, colors, total, workers)
-    picture = np.empty((height, width, 3), np.float32)
-    background = srgb_to_linear(rgb(view.background)).astype(np.float32)
-    shade.develop(
-        total, len(shifts), np.float32(view.exposure), np.float32(scene_white(scene)), background, picture
-    )
-    pixels = (linear_to_srgb(picture) * 255 + 0.5).astype(np.uint8)
-    distance, ids = trace_primary(world, eye, width, height, (0.5, 0.5), workers)
+        table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, seen)
+        draw_textures(seen, eye, shifts, table, colors, total, workers)
+    pixels = np.empty((height, width, 3), np.uint8)
+    develop_rows(total, len(shifts), make_tone(scene, view), 0, height, pixels)
+    distance, ids = trace_primary(seen, eye, width, height, (0.5, 0.5), workers)
     if colorbar and view.color_by is not None:
         from luxel.picture.colorbar import draw_colorbar
 
@@ -131,48 +147,9 @@ def visible_ids(
     scene: Scene, camera: Camera, size: tuple[int, int], *, antialias: int = 1, threads: int | None = None
 ) -> NDArray[np.int32]:
     """Return the sorted ids (M,) int32 of particles that some ray of the picture hits first."""
-    width, height = _checked_size(size)
+    width, height = checked_size(size)
     eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
-    return _visible(make_world(scene), eye, width, height, list(_shifts(antialias)), thread_count(threads))
-
-
-def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:
-    """Return the camera as kernels take it; `aspect` is width over height."""
-    right, up, forward = camera.basis()
-    half = math.tan(math.radians(camera.fov) / 2)
-    if camera.height is not None:
-        half = 0.5 * spheres.length_to_unit(camera.height)
-    return tiles.Eye(
-        spheres.to_unit(camera.eye).astype(np.float32),
-        (right * half * aspect).astype(np.float32),
-        (up * half).astype(np.float32),
-        forward.astype(np.float32),
-        camera.orthographic,
-    )
-
-
-def trace_primary(
-    world: World, eye: tiles.Eye, width: int, height: int, shift: tuple[float, float], threads: int
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Return distance (H, W) float32 in normalised units and ids (H, W) int32; infinite and -1 on the background."""
-    distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
-
-    def band(row: int) -> None:
-        tiles.primary_tiles(
-            world.tree,
-            eye,
-            width,
-            height,
-            np.float32(shift[0]),
-            np.float32(shift[1]),
-            row,
-            min(row + _BAND, height),
-            distance,
-            ids,
-        )
-
-    run_parts(band, range(0, height, _BAND), threads)
-    return distance, ids
+    return _visible(make_world(scene), eye, width, height, ray_shifts(antialias), thread_count(threads))
 
 
 def draw_textures(
@@ -186,43 +163,23 @@ def draw_textures(
     *,
     filtered: bool = True,
 ) -> None:
-    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.shade``.
+    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.frame``.
 
     With one ray a pixel, textures are filtered over the pixel unless `filtered` is False; several rays filter by themselves.
     """
-    height, width = total.shape[:2]
-    distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
-    spacing = np.float32(1 if filtered and len(shifts) == 1 else 0)
-    mapping = mapping_code(table.mapping)
-
-    def band(row: int) -> None:
-        last = min(row + _BAND, height)
-        for x, y in shifts:
-            shift = np.float32(x), np.float32(y)
-            tiles.primary_tiles(world.tree, eye, width, height, *shift, row, last, distance, ids)
-            shade.shade_textures(
-                world,
-                eye,
-                *shift,
-                spacing,
-                row,
-                last,
-                distance,
-                ids,
-                mapping,
-                table.slot,
-                table.codes,
-                table.decoding,
-                table.coarse,
-                colors,
-                total,
-            )
-
-    run_parts(band, range(0, height, _BAND), threads)
+    crew = Crew(threads)
+    skin = make_skin(table, colors)
+    spacing = 1.0 if filtered and len(shifts) == 1 else 0.0
+    try:
+        for shift in shifts:
+            draw_rays(world.tree, world.lights, eye, shift, skin, total, crew, spacing=spacing)
+    finally:
+        crew.close()
 
 
 def _draw_pixels(
     world: World,
+    seen: World,
     eye: tiles.Eye,
     shifts: list[tuple[float, float]],
     samples: int,
@@ -235,7 +192,7 @@ def _draw_pixels(
     lock = threading.Lock()
     done = 0
     for k, shift in enumerate(shifts):
-        distance, ids = trace_primary(world, eye, width, height, shift, threads)
+        distance, ids = trace_primary(seen, eye, width, height, shift, threads)
         x, y = np.float32(shift[0]), np.float32(shift[1])
 
         def band(
@@ -277,8 +234,7 @@ def _table(
             raise InputError(f"the textures are of {len(table.slot)} particles, the scene has {count}")
         return table
     if scene.model == "lambertian":
-        none = np.full(count, -1, np.int32)
-        return TextureTable(none, np.zeros((1, 16, 16), np.uint8), decoding_table(1.0, "linear"))
+        return bare_table(count)
     visible = _visible(world, eye, *size, shifts, threads)
     return bake_with(Baker(scene, spec), visible, progress=progress, threads=threads).snapshot(
         light_key(scene, spec)
@@ -294,20 +250,3 @@ def _visible(
             True  # -1 marks the spare last entry
         )
     return np.flatnonzero(seen[:-1]).astype(np.int32)
-
-
-def _shifts(antialias: int) -> Iterator[tuple[float, float]]:
-    for k in range(antialias * antialias):
-        yield (k % antialias + 0.5) / antialias, (k // antialias + 0.5) / antialias
-
-
-def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
-    try:
-        width, height = (int(v) for v in size)
-    except (TypeError, ValueError):
-        raise InputError(f"size must be (width, height), got {size!r}") from None
-    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
-        raise InputError(
-            f"size must be at least 1x1 and at most {_MOST_PIXELS} pixels in all, got {width}x{height}"
-        )
-    return width, height

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from luxel.errors import InputError
 
-__all__ = ["colormap_names", "colormap_table", "hex_color", "linear_to_srgb", "rgb", "srgb_to_linear"]
+__all__ = ["RGB", "colormap_names", "colormap_table", "hex_color", "linear_to_srgb", "rgb", "srgb_to_linear"]
 
 # What a scientist reaches for comes first in menus: perceptually uniform, then diverging, cyclic, grey, categorical.
 _SHORTLIST = (
@@ -33,6 +33,8 @@ _SHORTLIST = (
     "Set2",
 )
 _ROW_COUNT = 256
+#: No map: the three components of a vector are the colours themselves, sRGB.
+RGB = "rgb"
 _HEX = re.compile(r"#[0-9a-f]{6}")
 
 

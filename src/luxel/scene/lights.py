@@ -7,8 +7,9 @@ side; on the other side it does not exist, so it never casts a shadow.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,8 @@ __all__ = [
     "Sun",
     "Up",
     "default_lights",
+    "light_from_json",
+    "light_json",
     "sun_direction",
     "up_frame",
 ]
@@ -131,6 +134,35 @@ class QuadLight:
 
 
 Light = Sky | Sun | SphereLight | QuadLight
+_KINDS: dict[str, type[Light]] = {kind.__name__: kind for kind in (Sky, Sun, SphereLight, QuadLight)}
+
+
+def light_json(light: Light) -> dict[str, Any]:
+    """Return a small dict of plain numbers and strings; :func:`light_from_json` makes the same light again."""
+    values = {f.name: getattr(light, f.name) for f in fields(light)}
+    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
+    return {"kind": type(light).__name__, **plain}
+
+
+def light_from_json(data: object) -> Light:
+    """Inverse of :func:`light_json`.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    if not isinstance(data, Mapping):
+        raise InputError(f"a light must be a JSON object, got {type(data).__name__}")
+    values = dict(data)
+    kind = values.pop("kind", None)
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise InputError(f"a light has the kind {kind!r}; known are {', '.join(_KINDS)}")
+    try:
+        return _KINDS[kind](**values)
+    except TypeError:
+        known = ", ".join(f.name for f in fields(_KINDS[kind]))
+        raise InputError(f"a {kind} has the fields {known}; got {', '.join(map(str, values))}") from None
 
 
 def up_frame(up: Up) -> NDArray[np.float64]:

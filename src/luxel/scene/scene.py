@@ -10,9 +10,11 @@ from functools import cached_property
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from luxel.errors import InputError
 from luxel.particles import Particles
+from luxel.scene.hiding import Condition, as_conditions, hidden
 from luxel.scene.lights import Light, QuadLight, Sky, SphereLight, Sun, default_lights
 from luxel.scene.periodic import checked_cell, parse_axes
 
@@ -47,12 +49,18 @@ class Scene:
         lights do not repeat. No sky or sun reaches into what repeats along all three.
     periodic_images
         A ray that has crossed more periodic faces than this without a hit ends in the dark.
+    hide
+        A `Cut` or `Select`, or several: particles that any of them hides do not exist, neither for light nor in
+        pictures, so that light falls on what they covered. All particles keep their ids. See `View.hide` for the
+        other rule, which changes no light.
 
     Raises
     ------
     InputError
         For no particles, an unknown model, values out of range; for `periodic` without a cell whose vectors
         span these axes.
+    ScalarError
+        If the particles lack a scalar that a selection in `hide` names.
     """
 
     particles: Particles
@@ -62,6 +70,7 @@ class Scene:
     ao_distance: float | None = None
     periodic: str | Sequence[bool] = ""
     periodic_images: int = 8
+    hide: Condition | Sequence[Condition] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.particles, Particles):
@@ -92,6 +101,18 @@ class Scene:
         object.__setattr__(self, "periodic", parse_axes(self.periodic))
         if self.axes:
             checked_cell(self.particles, self.axes)
+        object.__setattr__(self, "hide", as_conditions(self.hide, "hide of a scene"))
+        self.hidden  # noqa: B018 - a scalar that is missing is an error now
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """What hides particles from light and pictures, as a tuple."""
+        return cast(tuple[Condition, ...], self.hide)
+
+    @cached_property
+    def hidden(self) -> NDArray[np.bool_] | None:
+        """(N,) bool: which particles do not exist for light; None if all do."""
+        return hidden(self.particles, self.conditions)
 
     @property
     def axes(self) -> str:
@@ -114,11 +135,14 @@ class Scene:
         digest = hashlib.blake2b(digest_size=16)
         digest.update(_particles_digest(self.particles))
         digest.update(repr([_describe(light) for light in self.sources]).encode())
-        digest.update(repr((self.model, float(self.albedo), self.ao_distance)).encode())
+        reach = None if self.ao_distance is None else float(self.ao_distance)
+        digest.update(repr((self.model, float(self.albedo), reach)).encode())
         if self.axes:
             cell = checked_cell(self.particles, self.axes)
             digest.update(repr((self.axes, self.periodic_images)).encode())
             digest.update(np.ascontiguousarray([*cell.vectors, cell.origin]).data)
+        if self.hidden is not None:
+            digest.update(b"hidden" + np.packbits(self.hidden).tobytes())
         return digest.hexdigest()
 
     def with_changes(self, **changes: Any) -> Scene:
@@ -127,10 +151,9 @@ class Scene:
 
 
 def _describe(light: Light) -> tuple[Any, ...]:
-    return (
-        type(light).__name__,
-        *(np.asarray(getattr(light, f.name), dtype=object).tolist() for f in fields(light)),
-    )
+    # 20 and 20.0 are the same level: JSON written by a browser does not tell them apart.
+    values = (np.asarray(getattr(light, f.name), dtype=object).tolist() for f in fields(light))
+    return (type(light).__name__, *(float(v) if isinstance(v, int) else v for v in values))
 
 
 def _particles_digest(particles: Particles) -> bytes:

@@ -6,15 +6,17 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from luxel.arrays import as_colors
 from luxel.errors import InputError
 from luxel.particles import Particles
 from luxel.scene.camera import Camera
-from luxel.scene.colormap import colormap_table, hex_color, rgb, srgb_to_linear
+from luxel.scene.colormap import RGB, colormap_table, hex_color, rgb, srgb_to_linear
+from luxel.scene.hiding import Condition, as_conditions, condition_from_json, hidden
 from luxel.scene.lights import Up, up_frame
 
 __all__ = ["View"]
@@ -34,7 +36,8 @@ class View:
         Name of a scalar (``"stress"``), a component (``"velocity.x"``) or a vector, by magnitude; None gives all
         particles the same `color`.
     colormap
-        Any of matplotlib's names.
+        Any of matplotlib's names; or ``"rgb"``: then `color_by` names a vector whose three components are the colours
+        themselves, sRGB, whole numbers 0..255 or others 0..1.
     range
         Scalar values of the map's first and last colour; None takes the finite minimum and maximum.
     log
@@ -46,6 +49,9 @@ class View:
         `nan_color` for particles whose scalar is NaN ("no data").
     up
         Axis that points up when `camera` is None: ``"x"``, ``"y"`` or ``"z"``.
+    hide
+        A `Cut` or `Select`, or several: particles that any of them hides are not drawn. They still cast shadows and
+        bounce light, so that hiding costs nothing; see `Scene.hide` for the other rule.
 
     Raises
     ------
@@ -63,6 +69,7 @@ class View:
     up: Up = "z"
     color: str = "#d9d5cc"
     nan_color: str = "#7f7f86"
+    hide: Condition | Sequence[Condition] = ()
 
     def __post_init__(self) -> None:
         if self.camera is not None and not isinstance(self.camera, Camera):
@@ -71,7 +78,7 @@ class View:
             raise InputError(f"color_by must be the name of a scalar or None, got {self.color_by!r}")
         if not isinstance(self.colormap, str):
             raise InputError(f"colormap must be a name such as viridis, got {self.colormap!r}")
-        if self.colormap != "viridis":  # matplotlib is slow to import
+        if self.colormap not in ("viridis", RGB):  # matplotlib is slow to import
             colormap_table(self.colormap)
         if not isinstance(self.log, bool | np.bool_):
             raise InputError(f"log must be true or false, got {self.log!r}")
@@ -84,6 +91,22 @@ class View:
         for name in ("background", "color", "nan_color"):
             object.__setattr__(self, name, hex_color(getattr(self, name), name))
         up_frame(self.up)
+        object.__setattr__(self, "hide", as_conditions(self.hide, "hide of a view"))
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """What hides particles, as a tuple."""
+        return cast(tuple[Condition, ...], self.hide)
+
+    def hidden(self, particles: Particles) -> NDArray[np.bool_] | None:
+        """(N,) bool: which particles are not drawn; None if all are.
+
+        Raises
+        ------
+        ScalarError
+            If the particles lack a scalar that a selection names.
+        """
+        return hidden(particles, self.conditions)
 
     def with_changes(self, **changes: Any) -> View:
         """Return a view with some fields replaced."""
@@ -102,7 +125,7 @@ class View:
         So are scalars with category labels, and whole numbers under a qualitative map (tab10 ...), unless the view has
         a range or a logarithmic scale.
         """
-        if self.color_by is None or self.range is not None or self.log:
+        if self.color_by is None or self.colormap == RGB or self.range is not None or self.log:
             return False
         if self.color_by in particles.categories:
             return True
@@ -181,9 +204,17 @@ class View:
         ------
         ScalarError
             If the particles have no such scalar.
+        InputError
+            If it is to be shown as it is, but its values are no colours.
         """
         if self.color_by is None:
             return np.tile(_linear(self.color), (len(particles), 1))
+        if self.colormap == RGB:
+            values = particles.scalars.get(self.color_by)
+            if values is None:
+                values = particles.scalar(self.color_by)  # says which there are
+            given = as_colors(values, len(particles), f"scalar {self.color_by!r} as colours")
+            return srgb_to_linear(given if given.dtype == np.float32 else given / np.float32(255))
         table = np.concatenate([srgb_to_linear(self.lut() / 255.0), [srgb_to_linear(rgb(self.nan_color))]])
         return table.astype(np.float32)[lut_rows(self.normalised(particles), len(table) - 1)]
 
@@ -192,6 +223,7 @@ class View:
         found = {field.name: getattr(self, field.name) for field in fields(self)}
         found["range"] = None if self.range is None else list(self.range)
         found["log"] = bool(self.log)
+        found["hide"] = [condition.to_json() for condition in self.conditions]
         if self.camera is not None:
             camera = self.camera
             found["camera"] = {
@@ -215,6 +247,11 @@ class View:
         values = _known_fields(data, cls, "a view")
         if values.get("camera") is not None:
             values["camera"] = _camera(values["camera"])
+        if "hide" in values:
+            listed = values["hide"]
+            if not isinstance(listed, list | tuple):
+                raise InputError(f"a view's hide must be a list, got {listed!r}")
+            values["hide"] = tuple(condition_from_json(each) for each in listed)
         return cls(**values)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 
 import numpy as np
@@ -53,7 +53,13 @@ class Baker:
         self.encoding = self.spec.encoding
         self.world = make_world(scene, seed=self.spec.seed, max_bounces=self.spec.max_bounces)
         self._fast = FastLight(
-            self.world, self.scale, self.spec.mapping, self.spec.texels, self.spec.samples, self.spec.seed
+            self.world,
+            self.scale,
+            self.spec.mapping,
+            self.spec.texels,
+            self.spec.samples,
+            self.spec.seed,
+            scene.hidden,
         )
 
     def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -94,6 +100,15 @@ class Baker:
         if self.spec.mode == "fast":
             self._fast.prepare(thread_count(threads))
 
+    def preparation(self, threads: int) -> Iterator[None]:
+        """As :meth:`prepare`, with one thread in short steps."""
+        if self.spec.mode == "fast":
+            yield from self._fast.preparation(threads)
+
+    def coarser_light(self, texels: int, samples: int) -> FastLight:
+        """Return ``fast`` light of the same scene at another resolution."""
+        return self._fast.coarser(texels, samples)
+
 
 def bake(
     scene: Scene,
@@ -115,7 +130,7 @@ def bake(
     scene
         What to light.
     ids
-        (M,) particles to bake; None means all.
+        (M,) particles to bake; None means all that the scene does not hide.
     texels, samples, mode, seed, max_bounces, mapping
         See :class:`luxel.TextureSpec`.
     progress
@@ -134,6 +149,8 @@ def bake(
         For options out of range or ids that the scene does not have.
     """
     spec = TextureSpec(texels, samples, mode, seed, max_bounces, mapping)
+    if ids is None and scene.hidden is not None:
+        ids = np.flatnonzero(~scene.hidden)
     return bake_with(
         Baker(scene, spec), as_ids(ids, len(scene.particles)), progress=progress, threads=threads
     )

@@ -8,9 +8,18 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.kernels import FIRST_LIGHT
 from luxel.light.mapping import Mapping
 
-__all__ = ["NO_COARSE", "LuminanceTextures", "TextureSource", "TextureTable", "decode", "encode"]
+__all__ = [
+    "FIRST_LIGHT",
+    "NO_COARSE",
+    "LuminanceTextures",
+    "TextureSource",
+    "TextureTable",
+    "decode",
+    "encode",
+]
 
 Encoding = Literal["linear", "sqrt"]
 
@@ -47,7 +56,8 @@ class TextureTable:
     Parameters
     ----------
     slot
-        (N,) int32 for every particle of the scene: its texture, or -1 where there is no texture yet.
+        (N,) int32 for every particle of the scene: its texture, or a negative number where there is no texture yet:
+        `FIRST_LIGHT` where there is a coarse record, else -1.
     codes
         (M, texels, texels) uint8, or M compressed textures as ``kernels.lookup`` describes them.
     decoding
@@ -55,9 +65,8 @@ class TextureTable:
     mapping
         From texels to directions, see :class:`luxel.TextureSpec`.
     coarse
-        (N, 4) float32, shown where there is no texture yet: luminance towards the unit normal n is
-        max(0, c0 + c1 nx + c2 ny + c3 nz). c0 < 0 marks a particle that has no record either, and shape (0, 4) that
-        none has: those are Lambert.
+        (N, 4) float32, shown where `slot` is `FIRST_LIGHT` and true there alone: luminance towards the unit normal n is
+        max(0, c0 + c1 nx + c2 ny + c3 nz). What has no record either is Lambert. (0, 4) if none has one.
     """
 
     slot: NDArray[np.int32]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import weakref
@@ -17,6 +18,9 @@ __all__ = ["SphereSet"]
 
 _CACHE: weakref.WeakKeyDictionary[Particles, SphereSet] = weakref.WeakKeyDictionary()
 _CACHE_LOCK = threading.Lock()
+_log = logging.getLogger(__name__)
+# Single precision places a sphere of this radius, in units, to within a sixteenth of it.
+_FINEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +52,16 @@ class SphereSet:
 
     @classmethod
     def of(cls, particles: Particles) -> SphereSet:
-        """Return the spheres of `particles`, computed once for each `Particles`."""
+        """Return the spheres of `particles`, computed once for each `Particles`.
+
+        Particles with scaled radii are normalised as the unscaled ones are, and share their centres.
+        """
+        base = None if particles.unscaled is particles else cls.of(particles.unscaled)
         with _CACHE_LOCK:
             found = _CACHE.get(particles)
             if found is None:
-                found = _CACHE[particles] = cls._normalised(particles)
+                found = cls._normalised(particles) if base is None else base._with_radii_of(particles)
+                _CACHE[particles] = found
             return found
 
     @classmethod
@@ -68,7 +77,12 @@ class SphereSet:
         if unit > 2.0**100 or unit < 2.0**-100:  # 1/unit itself would leave float32
             centers = ((particles.local.astype(np.float64) - shift) / unit).astype(np.float32)
         radii = (particles.radii.astype(np.float64) / unit).astype(np.float32)
+        _warn_of_tiny(particles, unit)
         return cls(centers, radii, center, unit)
+
+    def _with_radii_of(self, particles: Particles) -> SphereSet:
+        radii = (particles.radii.astype(np.float64) / self.unit).astype(np.float32)
+        return SphereSet(self.centers, radii, self.center, self.unit)
 
     def __len__(self) -> int:
         return len(self.centers)
@@ -85,3 +99,14 @@ class SphereSet:
         """Lowest and highest corner of the spheres in normalised units, (3,) each."""
         radii = self.radii[:, None]
         return (self.centers - radii).min(axis=0), (self.centers + radii).max(axis=0)
+
+
+def _warn_of_tiny(particles: Particles, unit: float) -> None:
+    tiny = int(np.count_nonzero(particles.radii < _FINEST * unit))
+    if tiny:
+        smallest = int(np.argmin(particles.radii))
+        _log.warning(
+            "%d of %d particles have radii below a millionth of the scene (particle %d: %g in a scene of %g): "
+            "light and pictures of them are rough; keep fewer of what is far away, or enlarge the radii",
+            tiny, len(particles), smallest, particles.radii[smallest], 2 * unit,
+        )  # fmt: skip

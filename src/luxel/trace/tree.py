@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import threading
 from collections.abc import Callable, Iterable
@@ -21,6 +22,7 @@ __all__ = ["SphereTree", "thread_count"]
 _RAYS_A_TASK = 16_384
 
 _BUILD_LOCK = threading.Lock()
+_PARTIAL_TREES_KEPT = 3  # a picture's, and those of two lights that are compared
 
 
 def thread_count(threads: int | None) -> int:
@@ -40,6 +42,8 @@ class SphereTree:
         In normalised units.
     threads
         For construction and for batches of rays; None means all that the process may use. Never changes a result.
+    hidden
+        (N,) bool: spheres that rays do not meet; None for none. All keep their ids.
 
     Attributes
     ----------
@@ -49,18 +53,34 @@ class SphereTree:
         Memory of the tree.
     """
 
-    def __init__(self, spheres: SphereSet, *, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        spheres: SphereSet,
+        *,
+        threads: int | None = None,
+        hidden: NDArray[np.bool_] | None = None,
+    ) -> None:
         self.spheres = spheres
         self.threads = thread_count(threads)
-        self.arrays = _build(spheres.centers, spheres.radii, self.threads)
+        count = len(spheres)
+        order = np.arange(count) if hidden is None else np.flatnonzero(~hidden)
+        self.arrays = _build(spheres.centers, spheres.radii, order.astype(np.int32), self.threads)
 
     @classmethod
-    def of(cls, spheres: SphereSet) -> SphereTree:
-        """Return the tree of `spheres`, built once for each `SphereSet`; several threads may ask at once."""
+    def of(cls, spheres: SphereSet, hidden: NDArray[np.bool_] | None = None) -> SphereTree:
+        """Return the tree of `spheres` but the hidden ones; several threads may ask at once.
+
+        The tree of all is built once for each `SphereSet`; of those with some hidden, the latest few are kept.
+        """
+        key = b"" if hidden is None else _digest(hidden)
         with _BUILD_LOCK:
-            if "tree" not in spheres.derived:
-                spheres.derived["tree"] = cls(spheres)
-            tree: SphereTree = spheres.derived["tree"]
+            trees: dict[bytes, SphereTree] = spheres.derived.setdefault("trees", {})
+            tree = trees.pop(key, None)
+            if tree is None:
+                tree = cls(spheres, hidden=hidden)
+            trees[key] = tree
+            for oldest in [each for each in trees if each][:-_PARTIAL_TREES_KEPT]:
+                del trees[oldest]
             return tree
 
     @property
@@ -129,9 +149,16 @@ def run_parts(work: Callable[[Any], Any], parts: Iterable[Any], threads: int) ->
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _build(centers: NDArray[np.float32], radii: NDArray[np.float32], threads: int) -> tree_trace.Tree:
-    count = len(centers)
-    order = np.arange(count, dtype=np.int32)
+def _digest(hidden: NDArray[np.bool_]) -> bytes:
+    return hashlib.blake2b(np.packbits(hidden).tobytes(), digest_size=16).digest()
+
+
+def _build(
+    centers: NDArray[np.float32], radii: NDArray[np.float32], order: NDArray[np.int32], threads: int
+) -> tree_trace.Tree:
+    count = len(order)
+    if count == 0:
+        return _empty()
     top = 2 * count
     slots = top + 8192
     boxes = np.empty((slots, 6), np.float32)
@@ -184,6 +211,14 @@ def _build(centers: NDArray[np.float32], radii: NDArray[np.float32], threads: in
         packed_leaves.view(np.int32),
         (LANES - 1) * levels + LANES,
     )
+
+
+def _empty() -> tree_trace.Tree:
+    """Return a tree that no ray meets: one node of empty boxes."""
+    node = np.zeros(tree_trace.NODE, np.float32)
+    node[: 3 * LANES], node[3 * LANES : 6 * LANES] = 1e30, -1e30
+    leaf = np.zeros(tree_trace.LEAF, np.float32)
+    return tree_trace.Tree(node, node.view(np.int32), leaf, leaf.view(np.int32), LANES)
 
 
 def _count_top(left: Any, right: Any, leaves: Any, top: int, used: int, tasks: set[int]) -> None:

@@ -2,6 +2,21 @@
 
 /** @typedef {{values: Float32Array, range: [number, number], logRange: [number, number], whole: boolean, labels: string[] | null}} Scalar */
 
+/** No colour map: a vector's components, which are scalars called name.x and so on, are the colours; as luxel.scene.colormap.RGB. */
+export const RGB = "rgb";
+
+/**
+ * Colours in one number each, which float32 holds exactly: red · 65536 + green · 256 + blue.
+ * @param {Scalar[]} channels each whole numbers 0..255 or others 0..1
+ */
+export function packed(channels) {
+  const found = new Float32Array(channels[0].values.length);
+  for (const { values, whole } of channels) {
+    for (let k = 0; k < found.length; k++) found[k] = 256 * found[k] + (whole ? values[k] : Math.round(255 * values[k]));
+  }
+  return found;
+}
+
 /** sRGB to linear light, [0, 1]. @param {number} c */
 export const toLinear = (c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4);
 

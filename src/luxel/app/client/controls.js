@@ -12,7 +12,7 @@ const KEY_ZOOM = 0.88;
 export class Controls {
   /**
    * @param {HTMLElement} element
-   * @param {{get: () => Camera | null, set: (camera: Camera) => void, frame: () => void, axis: (axis: string, negative: boolean) => void, click: (x: number, y: number) => void}} host
+   * @param {{get: () => Camera | null, set: (camera: Camera) => void, frame: () => void, axis: (axis: string, negative: boolean) => void, click: (x: number, y: number) => void, escape: () => void}} host
    */
   constructor(element, host) {
     this.element = element;
@@ -108,6 +108,8 @@ export class Controls {
     else if (key === "-" || key === "_") this.change((c) => cameras.zoom(c, 1 / KEY_ZOOM));
     else if (key === "f") this.host.frame();
     else if (key === "o") this.change(cameras.toggleProjection);
+    else if (key === "Enter") this.host.click(0.5, 0.5);
+    else if (key === "Escape") this.host.escape();
     else if (key === "x" || key === "y" || key === "z") this.host.axis(key, shiftKey);
     else return;
     event.preventDefault();

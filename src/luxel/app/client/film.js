@@ -1,13 +1,30 @@
 // When to draw what: only after a change, never waiting for light, smooth once the camera rests.
 
+import { ALL, LISTED } from "./renderer.js";
+import { Recent } from "./sight.js";
+
 /** @typedef {import("./camera.js").Camera} Camera */
-/** @typedef {{epoch: number, light: number, scale: number, count: number, want: number, pair: number}} Pass */
+/**
+ * How a picture is drawn: at what part of its size, and whether without what has not been seen lately.
+ * @typedef {{scale: number, culled: boolean}} Effort
+ */
+/** @typedef {Effort & {epoch: number, light: number, count: number, want: number, pair: number}} Pass */
+
+/** @type {Effort} */
+const FULL = { scale: 1, culled: false };
+/** While the camera moves, the first of these that is fast enough. @type {Effort[]} */
+const EFFORTS = [FULL, { scale: 1, culled: true }, { scale: 0.5, culled: true }];
 
 const SAMPLES = 16;
 const REST_MS = 180;
-const SLOW_MS = 60; // a frame slower than this is drawn smaller while the camera moves
+const SLOW_MS = 60; // a frame slower than this is drawn with less effort while the camera moves
+const HOPE = 0.97; // by which a slow effort is taken to be faster, every frame that another is made in its place
 const SWEEP_MS = 90; // between looks for visible particles while it moves
 const MOVING_STEP = 4;
+const MOVING_PIXELS = 400_000; // of a picture that is read back whole while it moves, where that saves drawing
+const MOVING_PARTICLES = 2_000_000; // drawn all at once while it moves
+const KEPT = 6; // sweeps of the whole picture that a particle that none has found is still drawn
+const STRIDE_MAX = 64;
 const SWEEP_PIXELS = 1_500_000; // of a picture that is read back whole
 const LIGHT_PAUSE = 4; // frames' worth of time that a slow renderer leaves to whoever bakes, between two looks at new light
 const SMOOTH_MS = 120; // time to spend on a smoother picture before new light is shown
@@ -48,6 +65,9 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
+    this.recent = new Recent(0);
+    this.recentStep = 1;
+    this.turn = 0;
   }
 
   /** @param {Camera} camera */
@@ -70,6 +90,7 @@ export class Film {
 
   /** Canvas or particles changed: nothing drawn is of use. */
   restart() {
+    if (this.recent.seen.length !== this.renderer.count) this.recent = new Recent(this.renderer.count);
     this.pass = null;
     this.shown = null;
     this.forget();
@@ -101,32 +122,34 @@ export class Film {
     const { renderer, camera } = this;
     if (camera === null || renderer.spheres === null) return false;
     const found = renderer.readback.poll();
-    if (found !== null) this.onSweep(found.data, found.stride, found.tag);
+    if (found !== null) {
+      this.recent.collect(found.data, found.stride, KEPT * this.recentStep ** 2);
+      this.onSweep(found.data, found.stride, found.tag);
+    }
     this.learn();
     const now = performance.now();
     const moving = now < this.restAt;
     if (renderer.busy) return true;
-    const { width, height } = renderer.canvas;
-    const fullMs = (renderer.frameMs * width * height) / renderer.framePixels;
-    const scale = moving && fullMs > SLOW_MS ? 0.5 : 1;
+    const effort = moving ? this.effort() : FULL;
     let pass = this.pass;
     // Drawing by software takes the very cores that light comes from: first know what is visible, then look now and then.
     const slow = renderer.frameMs > SLOW_MS && pass !== null && pass.light !== this.light;
     const pausing = slow && this.settled && now < this.begunAt + LIGHT_PAUSE * renderer.frameMs;
-    if (pass === null || pass.epoch !== this.epoch || pass.scale < scale) {
-      pass = this.begin(scale, 1);
+    if (pass === null || pass.epoch !== this.epoch || pass.scale < effort.scale || (pass.culled && !effort.culled)) {
+      pass = this.begin(effort, 1);
     } else if (pausing) {
       return true;
     } else if (!(slow && !this.settled) && pass.light !== this.light && pass.count >= pass.want) {
-      pass = this.begin(pass.scale, Math.max(1, Math.min(8, Math.floor(SMOOTH_MS / renderer.frameMs))));
+      pass = this.begin(pass, Math.max(1, Math.min(8, Math.floor(SMOOTH_MS / renderer.frameMs))));
     }
     const shape = this.shape(pass);
     let drew = false;
     // At rest, every sample has to be swept once before the next one takes its place.
-    if (pass.count < (moving && scale < 1 ? 1 : SAMPLES) && (moving || !this.owed(pass))) {
+    if (pass.count < (pass.culled ? 1 : SAMPLES) && (moving || !this.owed(pass))) {
       const k = pass.count++;
       const shift = k === 0 ? [0, 0] : [halton(k, 2) - 0.5, halton(k, 3) - 0.5];
-      renderer.drawSample(camera, shift, shape, pass.pair, k === 0, k === 0 ? this.listed.central : this.listed.all);
+      const listed = k === 0 ? this.listed.central : this.listed.all;
+      renderer.drawSample(camera, shift, shape, pass.pair, k === 0, pass.culled ? this.cull() : listed ? LISTED : ALL);
       drew = true;
       if (pass.count >= pass.want) {
         this.shown = pass;
@@ -137,25 +160,49 @@ export class Film {
       renderer.present(this.shown.pair, this.shown.count, this.shape(this.shown));
       this.tone = false;
     }
-    if (drew) renderer.endFrame(shape.width * shape.height);
+    if (drew) renderer.endFrame(kind(pass, this.listed.central));
     this.sweep(pass, shape, moving, now);
     return drew || moving || pass.count < SAMPLES || pass.light !== this.light || !this.settled || renderer.frames.length > 0;
+  }
+
+  /** What there is time for while the camera moves. */
+  effort() {
+    const { times, loaded } = this.renderer;
+    for (const effort of EFFORTS.slice(0, -1)) {
+      if (!effort.culled && loaded > MOVING_PARTICLES) continue;
+      const name = kind(effort, false), took = times.get(name) ?? 0;
+      if (took <= SLOW_MS) return effort;
+      times.set(name, took * HOPE); // so that it is tried again some time
+    }
+    return EFFORTS[EFFORTS.length - 1];
+  }
+
+  /** What was seen lately, and a part of the rest, so that what comes into sight is found within some frames. @returns {import("./renderer.js").Drawn} */
+  cull() {
+    const { ids } = this.recent, { loaded } = this.renderer;
+    this.renderer.setList(ids);
+    const stride = Math.max(2, Math.min(STRIDE_MAX, Math.round(loaded / Math.max(4096, ids.length))));
+    return { listed: true, first: this.turn++ % stride, stride, filtered: false };
   }
 
   /** Look at the ids of the sample just drawn, if there is something to learn from it. @param {Pass} pass @param {import("./renderer.js").Shape} shape @param {boolean} moving @param {number} now */
   sweep(pass, shape, moving, now) {
     if (this.renderer.readback.pending) return;
-    if (moving) {
+    if (moving && pass.culled) {
+      this.recentStep = [1, 2].find((step) => shape.width * shape.height <= MOVING_PIXELS * step * step) ?? MOVING_STEP;
+      this.renderer.sweep(shape, this.recentStep, this.turn);
+    } else if (moving) {
       if (now - this.sweptAt > SWEEP_MS && this.renderer.sweep(shape, MOVING_STEP, Math.floor(now))) this.sweptAt = now;
     } else if (this.owed(pass)) {
       const turn = pass.count === 1 ? this.central++ : this.shifted++;
+      this.recentStep = this.restStep;
       this.renderer.sweep(shape, this.restStep, turn);
     }
   }
 
   /** Whether the sample drawn last has to be swept before the next is drawn. @param {Pass} pass */
   owed(pass) {
-    if (pass.epoch !== this.epoch || pass.scale < 1 || pass.count === 0) return false;
+    if (pass.epoch !== this.epoch || pass.scale < 1 || pass.culled || pass.count === 0) return false;
     return pass.count === 1 ? !this.centralKnown : this.shifted < pass.count - 1;
   }
 
@@ -174,11 +221,14 @@ export class Film {
     return { width: Math.max(1, Math.floor(width * pass.scale)), height: Math.max(1, Math.floor(height * pass.scale)), epoch: pass.epoch };
   }
 
-  /** @param {number} scale @param {number} want samples before it replaces what is on screen @returns {Pass} */
-  begin(scale, want) {
+  /** @param {Effort} effort @param {number} want samples before it replaces what is on screen @returns {Pass} */
+  begin({ scale, culled }, want) {
     const pair = this.shown === null ? 0 : 1 - this.shown.pair;
     this.begunAt = performance.now();
-    this.pass = { epoch: this.epoch, light: this.light, scale, count: 0, want, pair };
+    this.pass = { epoch: this.epoch, light: this.light, scale, culled, count: 0, want, pair };
     return this.pass;
   }
 }
+
+/** Names what a frame's time depends on. @param {Effort} effort @param {boolean} listed */
+const kind = ({ scale, culled }, listed) => `${culled ? "culled" : listed ? "listed" : "all"} ${scale}`;

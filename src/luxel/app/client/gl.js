@@ -94,6 +94,8 @@ export const formats = (gl) => ({
   r32i: [gl.R32I, gl.RED_INTEGER, gl.INT],
   r32ui: [gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT],
   r8ui: [gl.R8UI, gl.RED_INTEGER, gl.UNSIGNED_BYTE],
+  rgba8i: [gl.RGBA8I, gl.RGBA_INTEGER, gl.BYTE],
+  rgba16i: [gl.RGBA16I, gl.RGBA_INTEGER, gl.SHORT],
   rgba8: [gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE],
 });
 
@@ -108,6 +110,7 @@ export class Texture {
     this.height = height;
     this.target = layers ? gl.TEXTURE_2D_ARRAY : gl.TEXTURE_2D;
     this.format = formats(gl)[format];
+    this.channels = format.startsWith("rgba") ? 4 : 1;
     this.texture = gl.createTexture();
     this.bind();
     const filter = linear ? gl.LINEAR : gl.NEAREST;
@@ -143,7 +146,10 @@ export class Texture {
 }
 
 export class Target {
-  /** @param {GL} gl @param {number} width @param {number} height @param {Format[]} colors @param {boolean} depth */
+  /**
+   * @param {GL} gl @param {number} width @param {number} height @param {Format[]} colors
+   * @param {boolean | Target} depth of its own, or that of another target of the same size
+   */
   constructor(gl, width, height, colors, depth) {
     this.gl = gl;
     this.width = width;
@@ -156,13 +162,16 @@ export class Target {
       return texture;
     });
     gl.drawBuffers(colors.map((_, k) => gl.COLOR_ATTACHMENT0 + k));
+    /** @type {WebGLRenderbuffer | null} */
     this.depth = null;
-    if (depth) {
+    if (depth instanceof Target) {
+      this.depth = depth.depth;
+    } else if (depth) {
       this.depth = gl.createRenderbuffer();
       gl.bindRenderbuffer(gl.RENDERBUFFER, this.depth);
       gl.renderbufferStorage(gl.RENDERBUFFER, gl.DEPTH_COMPONENT32F, width, height);
-      gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.RENDERBUFFER, this.depth);
     }
+    if (this.depth) gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.RENDERBUFFER, this.depth);
     const status = gl.checkFramebufferStatus(gl.FRAMEBUFFER);
     if (status !== gl.FRAMEBUFFER_COMPLETE && !gl.isContextLost()) {
       throw new GraphicsError(`this browser cannot draw into ${colors.join(" + ")} of ${width}x${height} (0x${status.toString(16)})`);

@@ -1,18 +1,22 @@
 // Messages to and from the server; the other half of app/protocol.py, which describes the format.
 
-export const SUBPROTOCOL = "luxel.v2";
+export const SUBPROTOCOL = "luxel.v3";
 
 /** Kinds of messages, as numbered in app/protocol.py. */
 export const KIND = {
   hello: 1, sighted: 2, confirm: 3, setLight: 4, setFrame: 5, scalarRequest: 6, colormapRequest: 7, report: 8,
   scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24,
+  codec: 32, payload: 33,
+  setView: 40, loadView: 41, inspect: 42, view: 50, particle: 51,
 };
 
-/** @typedef {Float32Array | Int32Array | Uint16Array | Uint8Array} Values */
+/** @typedef {Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array | Int8Array} Values */
 /** @typedef {{kind: number, head: any, arrays: Record<string, any>}} Message */
 
 // Half floats stay bits: they go to the graphics processor as they are.
-const TYPES = /** @type {const} */ ({ u1: Uint8Array, i4: Int32Array, f2: Uint16Array, f4: Float32Array });
+const TYPES = /** @type {const} */ ({
+  u1: Uint8Array, i1: Int8Array, u2: Uint16Array, i2: Int16Array, i4: Int32Array, f2: Uint16Array, f4: Float32Array,
+});
 
 /**
  * Take a message from the server apart. Arrays are views of `buffer`: nothing is copied.
@@ -36,18 +40,21 @@ export function decode(buffer) {
   return { kind, head, arrays };
 }
 
+/** @param {Values} array */
+const code = (array) => (array instanceof Float32Array ? "f4" : array instanceof Uint8Array ? "u1" : "i4");
+
 /**
- * Build a message for the server.
+ * Build a message, with flat arrays.
  * @param {number} kind
  * @param {Record<string, unknown>} head
- * @param {Record<string, Int32Array>} [arrays]
+ * @param {Record<string, Int32Array | Float32Array | Uint8Array>} [arrays]
  * @returns {ArrayBuffer}
  */
 export function encode(kind, head, arrays = {}) {
-  const listed = Object.fromEntries(Object.entries(arrays).map(([name, a]) => [name, ["i4", [a.length]]]));
+  const listed = Object.fromEntries(Object.entries(arrays).map(([name, a]) => [name, [code(a), [a.length]]]));
   const text = new TextEncoder().encode(JSON.stringify({ ...head, arrays: listed }));
   const padded = Math.ceil(text.length / 4) * 4;
-  const size = Object.values(arrays).reduce((sum, a) => sum + a.byteLength, 0);
+  const size = Object.values(arrays).reduce((sum, a) => sum + 4 * Math.ceil(a.byteLength / 4), 0);
   const buffer = new ArrayBuffer(8 + padded + size);
   const bytes = new Uint8Array(buffer);
   bytes[0] = kind;
@@ -56,8 +63,8 @@ export function encode(kind, head, arrays = {}) {
   bytes.set(text, 8);
   let offset = 8 + padded;
   for (const array of Object.values(arrays)) {
-    new Int32Array(buffer, offset, array.length).set(array);
-    offset += array.byteLength;
+    bytes.set(new Uint8Array(array.buffer, array.byteOffset, array.byteLength), offset);
+    offset += 4 * Math.ceil(array.byteLength / 4);
   }
   return buffer;
 }

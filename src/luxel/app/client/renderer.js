@@ -4,24 +4,31 @@
 // float textures, so that a picture can grow smooth in the background while the last one stays on screen. The last
 // pass turns sums into a picture; exposure and background need no other.
 
-import { basis, halfHeight, length, sub } from "./camera.js";
+import { basis, dot, halfHeight, length, scale, sub, add } from "./camera.js";
 import { toLinear } from "./colors.js";
 import { GraphicsError, Program, Readback, Target, Texture, signalled } from "./gl.js";
+import { LightSet } from "./lightset.js";
 import * as shaders from "./shaders.js";
-import { LAYER_ROWS } from "./tiles.js";
 
 /** @typedef {import("./camera.js").Camera} Camera */
-/** @typedef {import("./coarse.js").CoarseStore} CoarseStore */
-/** @typedef {import("./tiles.js").TileStore} TileStore */
 
-export const PARTICLES_WIDTH = 2048;
-const MAPPINGS = ["latlong", "octahedral"]; // in the order of the shader's uMapping
+export const PARTICLES_WIDTH = 2048; // of textures with something for each particle; the shaders know it
 const NEAR = 1e-6;
 const FRAMES_IN_FLIGHT = 2;
 const QUADS = 1 << 16; // particles in one draw call
 
 /** @typedef {{width: number, height: number, epoch: number}} Shape */
-/** @typedef {{fence: WebGLSync, since: number, pixels: number}} Frame */
+/**
+ * Which particles to draw: those of the list, and every `stride`-th from `first` on; none of these if it is 0. And whether
+ * textures of small ones are filtered.
+ * @typedef {{listed: boolean, first: number, stride: number, filtered: boolean}} Drawn
+ */
+/** @type {Drawn} */
+export const ALL = { listed: false, first: 0, stride: 1, filtered: true };
+/** @type {Drawn} */
+export const LISTED = { listed: true, first: 0, stride: 0, filtered: true };
+
+/** @typedef {{fence: WebGLSync, since: number, kind: string}} Frame */
 
 export class Renderer {
   /** @param {HTMLCanvasElement} canvas */
@@ -37,40 +44,41 @@ export class Renderer {
     this.canvas = canvas;
     this.name = String(gl.getParameter(gl.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER));
     this.programs = {
-      ids: new Program(gl, "ids", shaders.IDS_VERTEX, shaders.IDS_FRAGMENT),
-      shade: new Program(gl, "shade", shaders.SCREEN_VERTEX, shaders.SHADE_FRAGMENT),
+      points: new Program(gl, "points", shaders.idsVertex(true), shaders.IDS_FRAGMENT),
+      quads: new Program(gl, "quads", shaders.idsVertex(false), shaders.IDS_FRAGMENT),
       sweep: new Program(gl, "sweep", shaders.SCREEN_VERTEX, shaders.SWEEP_FRAGMENT),
-      present: new Program(gl, "present", shaders.SCREEN_VERTEX, shaders.PRESENT_FRAGMENT),
+      whole: new Program(gl, "present", shaders.SCREEN_VERTEX, shaders.presentFragment(true)),
+      scaled: new Program(gl, "present scaled", shaders.SCREEN_VERTEX, shaders.presentFragment(false)),
     };
+    /** Shading programs, by what they are made for. @type {Map<string, Program>} */
+    this.shading = new Map();
+    this.pointMax = gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE)[1];
     this.count = 0;
     this.loaded = 0;
     /** @type {Texture | null} */
     this.spheres = null;
     this.values = new Texture(gl, "r32f", 1, 1);
-    this.slots = new Texture(gl, "r32i", 1, 1);
-    this.atlas = new Texture(gl, "r8ui", 1, 1, { layers: 1 });
-    this.decoding = new Texture(gl, "r32f", 256, 64);
-    this.coarse = new Texture(gl, "rgba16f", 1, 1);
     this.lut = new Texture(gl, "rgba32f", 1, 1);
+    /** What lights the particles: the first, and another to the right of `split` if there is one. */
+    this.sets = [new LightSet(gl)];
+    /** Where the second set begins, as a fraction of the picture's width. */
+    this.split = 0.5;
     /** @type {{ids: Target, sums: Target[], capture: Target, sweep: Target} | null} */
     this.targets = null;
     this.readback = new Readback(gl);
     /** @type {Frame[]} */
     this.frames = [];
     this.frameMs = 16;
-    this.framePixels = 1;
+    /** Milliseconds that a frame of a kind takes. @type {Map<string, number>} */
+    this.times = new Map();
     this.frameCount = 0;
     this.doneAt = 0;
     this.look = {
-      uniform: true, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, white: 1,
-      top: [0, 0, 0], bottom: [0, 0, 0], useTiles: false, texels: 16, mapping: 0, coarseScale: 1,
+      uniform: true, packed: false, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, top: [0, 0, 0], bottom: [0, 0, 0],
     };
-    /** @type {any} */
-    this.light = { sky: [1, 1, 0, 0, 1], suns: [], globes: [], quads: [] };
     this.sceneRadius = 2;
     this.list = new Texture(gl, "r32ui", 1, 1);
     this.listCount = 0;
-    this.useCoarse = false;
     gl.disable(gl.DITHER);
     gl.bindVertexArray(gl.createVertexArray());
     const corners = new Uint32Array(6 * QUADS);
@@ -100,10 +108,9 @@ export class Renderer {
     if (rows > most) {
       throw new GraphicsError(`${count} particles are too many for this graphics driver: it takes ${most * PARTICLES_WIDTH}`);
     }
-    for (const texture of [this.spheres, this.values, this.slots]) texture?.delete();
+    for (const texture of [this.spheres, this.values]) texture?.delete();
     this.spheres = new Texture(gl, "rgba32f", PARTICLES_WIDTH, rows);
     this.values = new Texture(gl, "r32f", PARTICLES_WIDTH, rows);
-    this.slots = new Texture(gl, "r32i", PARTICLES_WIDTH, rows);
     this.count = count;
     this.loaded = 0;
     this.sceneRadius = sceneRadius;
@@ -116,7 +123,7 @@ export class Renderer {
     this.loaded = Math.max(this.loaded, start + spheres.length / 4);
   }
 
-  /** @param {Float32Array} values (N,) positions in the colour map, negative for no data */
+  /** @param {Float32Array} values (N,) positions in the colour map, or packed colours; negative for no data */
   setValues(values) {
     uploadRows(this.values, values, 0, 1);
   }
@@ -131,62 +138,16 @@ export class Renderer {
     this.lut.rows(table, 0, 1);
   }
 
-  /** How texels lie on a sphere. @param {{texels: number, mapping: string}} scene */
-  setTexels({ texels, mapping }) {
-    this.look.texels = texels;
-    this.look.mapping = MAPPINGS.indexOf(mapping);
-  }
-
-  /** @param {TileStore} tiles */
-  setAtlas(tiles) {
-    const layers = Math.ceil(tiles.rows / LAYER_ROWS);
-    this.atlas.delete();
-    this.atlas = new Texture(this.gl, "r8ui", 2048, Math.min(tiles.rows, LAYER_ROWS), { layers });
-    tiles.touchAll();
-  }
-
-  /** Upload what changed in the atlas. @param {TileStore} tiles */
-  uploadTiles(tiles) {
-    tiles.dirtyAtlas.flush((first, count) => {
-      for (let row = first; row < first + count;) {
-        const layer = Math.floor(row / LAYER_ROWS);
-        const rows = Math.min(first + count, (layer + 1) * LAYER_ROWS) - row;
-        this.atlas.rows(tiles.bytes.subarray(row * 2048, (row + rows) * 2048), row % LAYER_ROWS, rows, layer);
-        row += rows;
-      }
-    });
-    tiles.dirtySlots.flush((first, count) => {
-      this.slots.rows(tiles.slots.subarray(first * tiles.width, (first + count) * tiles.width), first, count);
-    });
-    if (tiles.dirtyDecoding) {
-      this.decoding.rows(tiles.decoding, 0, 64);
-      tiles.dirtyDecoding = false;
-    }
-  }
-
-  /** Upload what changed in the coarse records. @param {CoarseStore} coarse */
-  uploadCoarse(coarse) {
-    this.useCoarse = coarse.used;
-    if (!coarse.used) return;
-    if (this.coarse.width !== coarse.width || this.coarse.height !== coarse.rows) {
-      this.coarse.delete();
-      this.coarse = new Texture(this.gl, "rgba16f", coarse.width, coarse.rows);
-      coarse.dirty.all();
-    }
-    coarse.dirty.flush((first, count) => {
-      this.coarse.rows(coarse.data.subarray(4 * first * coarse.width, 4 * (first + count) * coarse.width), first, count);
-    });
-  }
-
   /** Fit all targets to the canvas. */
   resize() {
     const { gl } = this;
     const { width, height } = this.canvas;
     if (this.targets?.ids.width === width && this.targets.ids.height === height) return;
     if (this.targets) for (const target of Object.values(this.targets).flat()) target.delete();
+    const ids = new Target(gl, width, height, ["r32ui"], true);
     this.targets = {
-      ids: new Target(gl, width, height, ["r32ui"], true),
-      sums: [0, 1, 2].map(() => new Target(gl, width, height, ["rgba16f", "r16f"], false)),
+      ids,
+      sums: [0, 1, 2].map(() => new Target(gl, width, height, ["rgba16f", "r16f"], ids)),
       capture: new Target(gl, width, height, ["rgba8"], false),
       sweep: new Target(gl, width, height, ["r32ui"], false),
     };
@@ -195,21 +156,22 @@ export class Renderer {
   /** Whether the graphics processor is still busy with earlier frames; also keeps the time that a frame takes. */
   get busy() {
     while (this.frames.length && signalled(this.gl, this.frames[0].fence)) {
-      const { fence, since, pixels } = /** @type {Frame} */ (this.frames.shift());
+      const { fence, since, kind } = /** @type {Frame} */ (this.frames.shift());
       this.gl.deleteSync(fence);
       const now = performance.now();
-      this.frameMs += 0.3 * (now - Math.max(since, this.doneAt) - this.frameMs);
-      this.framePixels = pixels;
+      const took = now - Math.max(since, this.doneAt), before = this.times.get(kind) ?? took;
+      this.frameMs += 0.3 * (took - this.frameMs);
+      this.times.set(kind, before + 0.3 * (took - before));
       this.doneAt = now;
       this.frameCount++;
     }
     return this.frames.length >= FRAMES_IN_FLIGHT;
   }
 
-  /** Call after the commands of a frame. @param {number} pixels */
-  endFrame(pixels) {
+  /** Call after the commands of a frame. @param {string} kind */
+  endFrame(kind) {
     const fence = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-    if (fence !== null) this.frames.push({ fence, since: performance.now(), pixels });
+    if (fence !== null) this.frames.push({ fence, since: performance.now(), kind });
     this.gl.flush();
   }
 
@@ -217,10 +179,11 @@ export class Renderer {
   setCamera(program, camera, shift, shape) {
     const { right, up, forward } = basis(camera);
     const half = halfHeight(camera);
-    const high = camera.eye.map(Math.fround);
+    const origin = camera.height === null ? camera.eye : add(camera.eye, scale(forward, ahead(camera)));
+    const high = origin.map(Math.fround);
     program.use()
       .texture("uSpheres", /** @type {Texture} */ (this.spheres))
-      .float("uEyeHigh", high).float("uEyeLow", camera.eye.map((x, k) => x - high[k]))
+      .float("uEyeHigh", high).float("uEyeLow", origin.map((x, k) => x - high[k]))
       .mat3("uBasis", [...right, ...up, ...forward])
       .float("uHalf", [half * shape.width / shape.height, half])
       .float("uSize", [shape.width, shape.height]).float("uShift", shift)
@@ -231,78 +194,118 @@ export class Renderer {
    * Find the nearest sphere of every pixel, then add its light to a pair of sums.
    * @param {Camera} camera @param {number[]} shift of the rays within their pixels, in pixels
    * @param {Shape} shape @param {number} pair @param {boolean} first whether to start the sums anew
-   * @param {boolean} [listed] draw only the particles of the list
+   * @param {Drawn} drawn
    */
-  drawSample(camera, shift, shape, pair, first, listed = false) {
+  drawSample(camera, shift, shape, pair, first, drawn) {
+    if (this.targets === null || this.spheres === null) return;
+    this.drawIds(camera, shift, shape, drawn);
+    // Samples after the first fall between: together they need no filter, which would only blur them.
+    this.shade(camera, shift, shape, pair, first, first && drawn.filtered);
+  }
+
+  /** Find the nearest sphere of every pixel. @param {Camera} camera @param {number[]} shift @param {Shape} shape @param {Drawn} drawn */
+  drawIds(camera, shift, shape, { listed, first, stride }) {
     const { gl, targets } = this;
-    if (targets === null || this.spheres === null) return;
+    if (targets === null) return;
     targets.ids.bind(shape.width, shape.height);
     gl.clearBufferuiv(gl.COLOR, 0, [0, 0, 0, 0]);
     gl.clearBufferfv(gl.DEPTH, 0, [0]);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.GREATER);
-    this.setCamera(this.programs.ids, camera, shift, shape);
-    const far = length(camera.eye) + this.sceneRadius;
-    this.programs.ids.float("uNear", NEAR).float("uFar", far).texture("uList", this.list).int("uListed", listed ? 1 : 0);
-    const count = listed ? this.listCount : this.loaded;
-    for (let start = 0; start < count; start += QUADS) {
-      this.programs.ids.int("uFirst", start);
-      gl.drawElements(gl.TRIANGLES, 6 * Math.min(QUADS, count - start), gl.UNSIGNED_INT, 0);
+    // Points reach across the picture at most.
+    const points = Math.max(shape.width, shape.height) < this.pointMax;
+    const program = points ? this.programs.points : this.programs.quads;
+    this.setCamera(program, camera, shift, shape);
+    program.float("uNear", NEAR).float("uFar", length(camera.eye) + this.sceneRadius).float("uStart", camera.height === null ? 0 : -ahead(camera))
+      .texture("uList", this.list);
+    const draw = (/** @type {number} */ from, /** @type {number} */ count, /** @type {number} */ step) => {
+      program.int("uStride", step);
+      for (let k = 0; k < count; k += QUADS) {
+        program.int("uFirst", from + k * step);
+        const part = Math.min(QUADS, count - k);
+        if (points) gl.drawArrays(gl.POINTS, 0, part);
+        else gl.drawElements(gl.TRIANGLES, 6 * part, gl.UNSIGNED_INT, 0);
+      }
+    };
+    if (listed) {
+      program.int("uListed", 1);
+      draw(0, this.listCount, 1);
+    }
+    if (stride > 0 && first < this.loaded) {
+      program.int("uListed", 0);
+      draw(first, Math.ceil((this.loaded - first) / stride), stride);
     }
     gl.disable(gl.DEPTH_TEST);
+  }
 
+  /** Add the light of what is in the id buffer to a pair of sums. @param {Camera} camera @param {number[]} shift @param {Shape} shape @param {number} pair @param {boolean} first @param {boolean} filtered */
+  shade(camera, shift, shape, pair, first, filtered) {
+    const { gl, targets } = this;
+    if (targets === null) return;
     targets.sums[pair].bind(shape.width, shape.height);
-    const { shade } = this.programs;
-    this.setCamera(shade, camera, shift, shape);
-    shade.texture("uIds", targets.ids.colors[0]).texture("uValues", this.values).texture("uLut", this.lut)
-      .texture("uSlots", this.slots).texture("uAtlas", this.atlas).texture("uDecoding", this.decoding)
-      .texture("uCoarse", this.coarse).float("uCoarseScale", this.look.coarseScale)
-      .int("uTexels", this.look.texels).int("uMapping", this.look.mapping).int("uUseTiles", this.look.useTiles ? 1 : 0)
-      .int("uUseCoarse", this.useCoarse && this.look.useTiles ? 1 : 0)
-      .int("uUniform", this.look.uniform ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
-    // Samples after the first fall between: together they need no filter, which would only blur them.
-    shade.float("uSpacing", first ? 1 : 0);
-    this.setLights(shade);
-    if (!first) {
-      gl.enable(gl.BLEND);
-      gl.blendFunc(gl.ONE, gl.ONE);
-    }
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    if (first) for (const k of [0, 1]) gl.clearBufferfv(gl.COLOR, k, [0, 0, 0, 0]);
+    else gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE);
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LESS); // leaves out what nothing covers
+    gl.depthMask(false);
+    this.eachSet(shape.width, shape.height, (set) => {
+      const program = this.shadingFor(set, filtered);
+      this.setCamera(program, camera, shift, shape);
+      program.texture("uIds", targets.ids.colors[0]).texture("uValues", this.values).texture("uLut", this.lut)
+        .int("uUniform", this.look.uniform ? 1 : 0).int("uPacked", this.look.packed ? 1 : 0).float("uColor", this.look.color).float("uNoData", this.look.noData);
+      set.bind(program);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+    });
+    gl.depthMask(true);
+    gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
   }
 
-  /** @param {Program} program */
-  setLights(program) {
-    const { sky, suns, globes, quads } = this.light;
-    const most = shaders.LIGHTS_MAX;
-    program.float("uSky", [sky[0], sky[1]]).float("uSkyAxis", [sky[2], sky[3], sky[4]]);
-    const counts = [suns.length / 6, globes.length / 5, quads.length / 14].map((n) => Math.min(n, most));
-    program.int("uSunCount", counts[0]).int("uGlobeCount", counts[1]).int("uQuadCount", counts[2]);
-    const [s, g, q] = counts.map((n) => new Float32Array(8 * n));
-    for (let k = 0; k < counts[0]; k++) s.set([suns[6 * k], suns[6 * k + 1], suns[6 * k + 2], suns[6 * k + 3], suns[6 * k + 4]], 8 * k);
-    for (let k = 0; k < counts[1]; k++) g.set(globes.subarray(5 * k, 5 * k + 5), 8 * k);
-    for (let k = 0; k < counts[2]; k++) {
-      const l = quads.subarray(14 * k, 14 * k + 14);
-      const middle = [0, 1, 2].map((a) => l[a] + 0.5 * (l[3 + a] + l[6 + a]));
-      q.set([...middle, l[13], l[9], l[10], l[11], l[12]], 8 * k);
+  /** The program that shades what a set holds. @param {LightSet} set @param {boolean} filtered */
+  shadingFor(set, filtered) {
+    const traits = { ...set.traits(), filtered };
+    const key = JSON.stringify(traits);
+    let program = this.shading.get(key);
+    if (program === undefined) {
+      program = new Program(this.gl, "shade", shaders.SCREEN_VERTEX, shaders.shadeFragment(traits));
+      this.shading.set(key, program);
     }
-    program.vec4s("uSuns", s).vec4s("uGlobes", g).vec4s("uQuads", q);
+    return program;
+  }
+
+  /** Call `draw` for each set, with all but its part of the picture masked. @param {number} width @param {number} height @param {(set: LightSet) => void} draw */
+  eachSet(width, height, draw) {
+    const { gl, sets } = this;
+    if (sets.length === 1) return draw(sets[0]);
+    const middle = Math.round(width * this.split);
+    gl.enable(gl.SCISSOR_TEST);
+    sets.slice(0, 2).forEach((set, k) => {
+      gl.scissor(k ? middle : 0, 0, k ? width - middle : middle, height);
+      draw(set);
+    });
+    gl.disable(gl.SCISSOR_TEST);
   }
 
   /** Show a pair of sums, on the canvas or elsewhere. @param {number} pair @param {number} samples @param {Shape} shape @param {Target | null} [target] */
   present(pair, samples, shape, target = null) {
     const { gl, targets, look } = this;
     if (targets === null) return;
+    const { width, height } = this.canvas;
     gl.bindFramebuffer(gl.FRAMEBUFFER, target?.framebuffer ?? null);
-    gl.viewport(0, 0, this.canvas.width, this.canvas.height);
+    gl.viewport(0, 0, width, height);
     const sums = targets.sums[pair];
-    this.programs.present.use()
+    const program = shape.width === width && shape.height === height ? this.programs.whole : this.programs.scaled;
+    program.use()
       .texture("uSum", sums.colors[0]).texture("uCover", sums.colors[1])
-      .float("uCanvas", [this.canvas.width, this.canvas.height])
+      .float("uCanvas", [width, height])
       .float("uPart", [shape.width / sums.width, shape.height / sums.height])
-      .float("uCount", samples).float("uExposure", look.exposure).float("uWhite", look.white)
+      .float("uCount", samples).float("uExposure", look.exposure)
       .float("uTop", look.top).float("uBottom", look.bottom);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    this.eachSet(width, height, (set) => {
+      program.float("uWhite", set.white);
+      gl.drawArrays(gl.TRIANGLES, 0, 3);
+    });
   }
 
   /**
@@ -324,6 +327,18 @@ export class Renderer {
     return true;
   }
 
+  /** The id at a point of the picture, or -1; waits for it. @param {Camera} camera @param {number} x fraction from the left @param {number} y from the bottom */
+  idAt(camera, x, y) {
+    this.resize();
+    const { gl } = this;
+    const { width, height } = this.canvas;
+    this.drawIds(camera, [0, 0], { width, height, epoch: 0 }, ALL);
+    const wide = new Uint32Array(4);
+    const at = [x * width, y * height].map((place, k) => Math.max(0, Math.min([width, height][k] - 1, Math.floor(place))));
+    gl.readPixels(at[0], at[1], 1, 1, gl.RGBA_INTEGER, gl.UNSIGNED_INT, wide);
+    return wide[0] - 1;
+  }
+
   /** The picture and the ids at full size, one ray through the middle of every pixel; waits for them. @param {Camera} camera */
   capture(camera) {
     this.resize();
@@ -331,7 +346,7 @@ export class Renderer {
     const targets = /** @type {NonNullable<typeof this.targets>} */ (this.targets);
     const { width, height } = this.canvas;
     const shape = { width, height, epoch: 0 };
-    this.drawSample(camera, [0, 0], shape, 2, true); // a third pair, so that the picture on screen goes on undisturbed
+    this.drawSample(camera, [0, 0], shape, 2, true, ALL); // a third pair, so that the picture on screen goes on undisturbed
     this.present(2, 1, shape, targets.capture);
     const pixels = new Uint8Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
@@ -343,6 +358,9 @@ export class Renderer {
     return { width, height, pixels, ids };
   }
 }
+
+/** From the eye to the plane through the target. @param {Camera} camera */
+const ahead = (camera) => dot(sub(camera.target, camera.eye), basis(camera).forward);
 
 /** @param {Texture} texture @param {Float32Array} data @param {number} start in particles @param {number} channels */
 function uploadRows(texture, data, start, channels) {

@@ -1,4 +1,8 @@
 // The shaders. Space is normalised units relative to the eye, axes right, up, forward; so float32 is enough at any zoom.
+// Under orthographic projection it is relative to the point before the eye at the target's depth: eyes are far away there.
+
+import { PLACE, lookup } from "./lookup.js";
+import { LIGHTS_MAX } from "./lightset.js";
 
 const HEAD = `#version 300 es
 precision highp float;
@@ -6,6 +10,8 @@ precision highp int;
 precision highp sampler2D;
 precision highp isampler2D;
 precision highp usampler2D;
+precision highp sampler2DArray;
+precision highp isampler2DArray;
 precision highp usampler2DArray;
 `;
 
@@ -18,34 +24,40 @@ uniform vec2 uSize;           // pixels
 uniform vec2 uShift;          // where in its pixel a ray starts, from the centre, in pixels
 uniform bool uOrthographic;
 
-ivec2 place(int id, int width) { return ivec2(id % width, id / width); }
+ivec2 place(int id) { return ivec2(id & 2047, id >> 11); }
 
 vec4 sphereAt(int id) {
-  vec4 s = texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0);
+  vec4 s = texelFetch(uSpheres, place(id), 0);
   return vec4(((s.xyz - uEyeHigh) - uEyeLow) * uBasis, s.w);
 }
 
-// Nearest front face of a sphere along the ray through pixel p (lower left corner is 0): distance, or -1.
-// The distance counts along the view direction.
-float hit(vec4 s, vec2 p, out vec3 origin, out vec3 ray) {
+// Nearest front face of a sphere along the ray through pixel p (lower left corner is 0), and the unit normal there.
+// The distance counts along the view direction; it is far behind the eye where the ray misses.
+float hit(vec4 s, vec2 p, out vec3 ray, out vec3 normal) {
   vec2 plane = ((p + uShift) / uSize * 2.0 - 1.0) * uHalf;
-  origin = uOrthographic ? vec3(plane, 0) : vec3(0);
   ray = uOrthographic ? vec3(0, 0, 1) : vec3(plane, 1);
   float dd = dot(ray, ray);
-  vec3 to = s.xyz - origin;
+  vec3 to = uOrthographic ? vec3(s.xy - plane, s.z) : s.xyz;
   float b = dot(to, ray) / dd;
   vec3 off = to - b * ray; // from the ray to the centre; b*b - c would cancel for small far spheres
   float rest = s.w * s.w - dot(off, off);
-  if (rest < 0.0) return -1.0;
-  return b - sqrt(rest / dd);
+  if (rest < 0.0) return -1e30;
+  float back = sqrt(rest / dd);
+  normal = -(off + back * ray) / s.w;
+  return b - back;
 }
 `;
 
-/** Four vertices a particle, the exact bounds of the sphere's picture. Not instanced: that is slow for so few vertices. */
-export const IDS_VERTEX = HEAD + CAMERA + `
+/**
+ * Spheres as points, one vertex each, or as quads of four. Points are the faster ones, but of limited size. Quads are not
+ * instanced: that is slow for so few vertices.
+ * @param {boolean} points
+ */
+export const idsVertex = (points) => HEAD + CAMERA + `
 uniform usampler2D uList;
 uniform bool uListed;
-uniform int uFirst;
+uniform int uFirst, uStride;
+uniform float uStart; // where along the view direction there begins to be something to see
 flat out vec4 vSphere;
 flat out uint vId;
 
@@ -65,15 +77,15 @@ bool ends(float x, float z, float r, out vec2 range) {
 }
 
 void main() {
-  int id = uFirst + (gl_VertexID >> 2);
-  if (uListed) id = int(texelFetch(uList, place(id, textureSize(uList, 0).x), 0).r);
+  int id = uFirst + uStride * (gl_VertexID ${points ? "" : ">> 2"});
+  if (uListed) id = int(texelFetch(uList, place(id), 0).r);
   vec4 s = sphereAt(id);
   vSphere = s;
   vId = uint(id) + 1u;
   vec2 low, high;
   bool shown;
   if (uOrthographic) {
-    shown = s.z + s.w > 0.0;
+    shown = s.z + s.w > uStart;
     low = s.xy - s.w;
     high = s.xy + s.w;
   } else {
@@ -87,116 +99,37 @@ void main() {
   low = low / uHalf - uShift * pixel - 0.02 * pixel; // the margin covers rounding
   high = high / uHalf - uShift * pixel + 0.02 * pixel;
   shown = shown && all(lessThan(low, vec2(1))) && all(greaterThan(high, vec2(-1)));
-  vec2 corner = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1);
-  gl_Position = shown ? vec4(mix(clamp(low, -1.0, 1.0), clamp(high, -1.0, 1.0), corner), 0, 1) : vec4(2, 2, 2, 1);
+  low = clamp(low, -1.0, 1.0);
+  high = clamp(high, -1.0, 1.0);
+  gl_Position = vec4(2, 2, 2, 1);
+  ${points ? `
+  vec2 extent = 0.5 * (high - low) * uSize;
+  gl_PointSize = max(extent.x, extent.y) + 0.1;
+  if (shown) gl_Position = vec4(0.5 * (low + high), 0, 1);` : `
+  if (shown) gl_Position = vec4(mix(low, high, vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1)), 0, 1);`}
 }`;
 
 export const IDS_FRAGMENT = HEAD + CAMERA + `
 flat in vec4 vSphere;
 flat in uint vId;
-uniform float uNear, uFar;
+uniform float uNear, uFar, uStart;
 out uint outId;
 
 void main() {
-  vec3 origin, ray;
-  float t = hit(vSphere, gl_FragCoord.xy, origin, ray);
-  if (t <= 0.0) discard;
+  vec3 ray, normal;
+  float t = hit(vSphere, gl_FragCoord.xy, ray, normal);
+  if (t <= uStart) discard;
   // Reversed depth in a float buffer is as fine near as far, so there are no clip planes to fit.
-  gl_FragDepth = uOrthographic ? 1.0 - t / uFar : min(1.0, uNear / t);
+  gl_FragDepth = uOrthographic ? 1.0 - (t - uStart) / uFar : min(1.0, uNear / t);
   outId = vId;
 }`;
 
 export const SCREEN_VERTEX = HEAD + `
 void main() {
-  gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1);
+  gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, -1, 1); // at depth 0: behind everything
 }`;
 
-export const LIGHTS_MAX = 8;
-
-/** Luminance and colour of what the id buffer holds; sums of samples, tone comes later. */
-export const SHADE_FRAGMENT = HEAD + CAMERA + `
-uniform usampler2D uIds;
-uniform sampler2D uValues;      // position in the colour map; negative is no data
-uniform sampler2D uLut;         // linear light
-uniform isampler2D uSlots;      // slot + generation << 24, or -1
-uniform usampler2DArray uAtlas; // tiles one after the other, 2048 bytes a row
-uniform sampler2D uDecoding;    // a row of 256 luminances for each generation
-uniform int uTexels, uMapping;  // mapping 0: latitude-longitude, 1: octahedral
-uniform sampler2D uCoarse;      // first light; red < 0 where there is none
-uniform float uCoarseScale;
-uniform float uSpacing;         // of the picture's rays, in pixels
-uniform bool uUseTiles, uUseCoarse, uUniform;
-uniform vec3 uColor, uNoData;   // linear light
-uniform vec3 uEye;
-uniform vec2 uSky;              // level, ground
-uniform vec3 uSkyAxis;
-uniform int uSunCount, uGlobeCount, uQuadCount;
-uniform vec4 uSuns[2 * ${LIGHTS_MAX}];   // direction, level | sine of half the angular diameter
-uniform vec4 uGlobes[2 * ${LIGHTS_MAX}]; // centre, radius | level
-uniform vec4 uQuads[2 * ${LIGHTS_MAX}];  // centre, level | normal, area
-layout(location = 0) out vec4 outSum;    // luminance times linear colour, luminance
-layout(location = 1) out float outCover;
-
-const float PI = 3.14159265358979;
-
-float texel(int slot, int generation, ivec2 at) {
-  int last = uTexels - 1;
-  ivec2 inside = clamp(at, 0, last); // column, row
-  // Beyond an edge, octahedral texels continue mirrored along it; latitude-longitude on the opposite side of a pole.
-  bvec2 beyond = notEqual(at, inside);
-  if (uMapping == 1) {
-    inside = ivec2(beyond.y ? last - inside.x : inside.x, beyond.x ? last - inside.y : inside.y);
-  } else {
-    inside.x = (at.x + uTexels + (beyond.y ? uTexels / 2 : 0)) % uTexels;
-  }
-  int place = (slot * uTexels + inside.y) * uTexels + inside.x;
-  uint code = texelFetch(uAtlas, ivec3(place & 2047, (place >> 11) & 2047, place >> 22), 0).r;
-  return texelFetch(uDecoding, ivec2(int(code), generation), 0).r;
-}
-
-// Where a direction lies in the square of a texture; the same as luxel.kernels.mapping.texel_uv.
-vec2 square(vec3 n) {
-  vec3 a = abs(n);
-  float quarters = max(a.x, a.y) > 0.0 ? atan(a.y, a.x) / (0.5 * PI) : 0.0; // of the azimuth, within its quadrant
-  if (uMapping == 1) {
-    float r = sqrt(dot(n.xy, n.xy) / (1.0 + a.z));
-    vec2 p = r * vec2(1.0 - quarters, quarters);
-    if (n.z < 0.0) p = 1.0 - p.yx;
-    return 0.5 + 0.5 * vec2(n.x < 0.0 ? -p.x : p.x, n.y < 0.0 ? -p.y : p.y);
-  }
-  float u = 0.25 * (n.x < 0.0 ? 2.0 - quarters : quarters);
-  return vec2(n.y < 0.0 ? 1.0 - u : u, atan(length(n.xy), n.z) / PI);
-}
-
-// Bilinear (paper 3.4).
-float textured(int tile, vec3 n) {
-  int slot = tile & 0xffffff, generation = tile >> 24;
-  vec2 at = square(n) * float(uTexels) - 0.5;
-  vec2 base = floor(at), f = at - base;
-  ivec2 p = ivec2(base);
-  return mix(
-    mix(texel(slot, generation, p), texel(slot, generation, p + ivec2(1, 0)), f.x),
-    mix(texel(slot, generation, p + ivec2(0, 1)), texel(slot, generation, p + ivec2(1, 1)), f.x), f.y);
-}
-
-// Mean over what a ray stands for, four points around its hit; the same as luxel.kernels.shade._filtered.
-float filtered(int tile, float radius, vec3 n, float depth, vec3 ray) {
-  float gap = uSpacing * 2.0 * uHalf.x / uSize.x * (uOrthographic ? 1.0 : depth) / radius;
-  float reach = 0.25 * gap * clamp(gap / 0.2 - 1.0, 0.0, 1.0), sum = 0.0, count = 0.0;
-  vec3 d = normalize(ray);
-  vec3 a = vec3(1, 0, 0) - d.x * d, b = cross(a, d), q = n - dot(n, d) * d;
-  for (int k = 0; reach > 0.0 && k < 4; k++) {
-    vec3 p = q + ((k & 1) != 0 ? reach : -reach) * a + ((k & 2) != 0 ? reach : -reach) * b;
-    float rest = 1.0 - dot(p, p);
-    for (bool near = rest > 0.19; near; near = false) { // beyond, a pixel shows more of what lies behind
-      sum += textured(tile, uBasis * (p - sqrt(rest) * d));
-      count += 1.0;
-    }
-  }
-  for (; count == 0.0; count = 1.0) sum = textured(tile, uBasis * n);
-  return sum / count;
-}
-
+const LAMBERT = `
 float soft(float c, float s) {
   return c >= s ? c : c <= -s ? 0.0 : (c + s) * (c + s) / (4.0 * s);
 }
@@ -204,16 +137,16 @@ float soft(float c, float s) {
 // Unshadowed direct light in closed form; the same as luxel.kernels.light.lambert.
 float lambert(vec3 p, vec3 n) {
   float sum = uSky.y + (uSky.x - uSky.y) * 0.5 * (1.0 + 2.0 / 3.0 * dot(n, uSkyAxis));
-  for (int k = 0; k < uSunCount; k++) {
+  for (int k = 0; k < SUNS; k++) {
     sum += uSuns[2 * k].w * soft(dot(n, uSuns[2 * k].xyz), uSuns[2 * k + 1].x);
   }
-  for (int k = 0; k < uGlobeCount; k++) {
+  for (int k = 0; k < GLOBES; k++) {
     vec4 g = uGlobes[2 * k];
     vec3 c = g.xyz - p;
     float d2 = dot(c, c), d = sqrt(d2);
     if (d2 > g.w * g.w) sum += uGlobes[2 * k + 1].x * g.w * g.w / d2 * soft(dot(n, c) / d, g.w / d);
   }
-  for (int k = 0; k < uQuadCount; k++) {
+  for (int k = 0; k < QUADS; k++) {
     vec3 c = uQuads[2 * k].xyz - p;
     float d2 = max(dot(c, c), 1e-12), d = sqrt(d2);
     float facing = max(0.0, -dot(uQuads[2 * k + 1].xyz, c) / d);
@@ -221,42 +154,106 @@ float lambert(vec3 p, vec3 n) {
   }
   return sum;
 }
+`;
 
+// Mean over what a ray stands for, four points around its hit; the same as luxel.kernels.shade._filtered. The fifth turn is
+// for rays that lie close, and for limbs that hold none of the four.
+const FILTERED = `
+float filtered(int record, int generation, float radius, vec3 n, float depth, vec3 ray) {
+  float gap = 2.0 * uHalf.x / uSize.x * (uOrthographic ? 1.0 : depth) / radius;
+  float reach = 0.25 * gap * clamp(gap / 0.2 - 1.0, 0.0, 1.0), sum = 0.0, count = 0.0;
+  vec3 d = normalize(ray);
+  vec3 a = vec3(1, 0, 0) - d.x * d, b = cross(a, d), q = n - dot(n, d) * d;
+  for (int k = reach > 0.0 ? 0 : 4; k < 4 || (k == 4 && count == 0.0); k++) {
+    vec3 p = q + ((k & 1) != 0 ? reach : -reach) * a + ((k & 2) != 0 ? reach : -reach) * b;
+    float rest = 1.0 - dot(p, p);
+    if (k == 4 || rest > 0.19) { // beyond, a pixel shows more of what lies behind
+      sum += textured(record, generation, uBasis * (k == 4 ? n : p - sqrt(rest) * d));
+      count += 1.0;
+    }
+  }
+  return sum / count;
+}
+`;
+
+const RECORD = {
+  tiles: `
+uniform isampler2D uSlots;      // slot + generation << 24, or -1
+int recordOf(int id, out int generation) {
+  int slot = texelFetch(uSlots, place(id), 0).r;
+  generation = slot >> 24;
+  return slot < 0 ? -1 : slot & 0xffffff;
+}
+`,
+  baked: `
+uniform usampler2D uParts;      // whether they have come
+uniform int uPart;
+int recordOf(int id, out int generation) {
+  generation = 0;
+  return texelFetch(uParts, ivec2(0, id / uPart), 0).r != 0u ? id : -1;
+}
+`,
+};
+
+/**
+ * Luminance and colour of what the id buffer holds; sums of samples, tone comes later. Made for what it has to do, because
+ * a processor that draws in software does all that stands in a shader for every pixel, needed or not.
+ * @param {ReturnType<import("./lightset.js").LightSet["traits"]> & {filtered: boolean}} traits
+ */
+export const shadeFragment = ({ reader, baked, complete, coarse, suns, globes, quads, filtered }) => HEAD + CAMERA + `
+#define SUNS ${suns}
+#define GLOBES ${globes}
+#define QUADS ${quads}
+uniform usampler2D uIds;
+uniform sampler2D uValues;      // position in the colour map, or a packed colour; negative is no data
+uniform sampler2D uLut;         // linear light
+uniform sampler2D uCoarse;      // first light; red < 0 where there is none
+uniform float uCoarseScale;
+uniform bool uUniform, uPacked;
+uniform vec3 uColor, uNoData;   // linear light
+uniform vec2 uSky;              // level, ground
+uniform vec3 uSkyAxis;
+uniform vec4 uSuns[2 * ${LIGHTS_MAX}];   // direction, level | sine of half the angular diameter
+uniform vec4 uGlobes[2 * ${LIGHTS_MAX}]; // centre, radius | level
+uniform vec4 uQuads[2 * ${LIGHTS_MAX}];  // centre, level | normal, area
+layout(location = 0) out vec4 outSum;    // luminance times linear colour, luminance
+layout(location = 1) out float outCover;
+
+const float PI = 3.14159265358979;
+${LAMBERT}${reader ? PLACE + lookup(reader) + (filtered ? FILTERED : "") + (baked ? RECORD.baked : RECORD.tiles) : ""}
 vec3 colorOf(int id) {
   if (uUniform) return uColor;
-  float x = texelFetch(uValues, place(id, textureSize(uValues, 0).x), 0).r;
+  float x = texelFetch(uValues, place(id), 0).r;
   if (x < 0.0) return uNoData;
+  if (uPacked) {
+    vec3 c = vec3(ivec3(int(x)) >> ivec3(16, 8, 0) & 255) / 255.0;
+    return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), greaterThan(c, vec3(0.04045)));
+  }
   int rows = textureSize(uLut, 0).x;
   return texelFetch(uLut, ivec2(min(rows - 1, int(x * float(rows))), 0), 0).rgb;
 }
 
-void main() {
-  uint found = texelFetch(uIds, ivec2(gl_FragCoord.xy), 0).r;
-  vec4 sum = vec4(0);
-  float cover = 0.0;
-  // Loops of one turn, because processors that draw in software skip a loop that no pixel needs, but never a branch.
-  for (bool turn = found != 0u; turn; turn = false) {
-    int id = int(found) - 1;
-    vec4 s = sphereAt(id);
-    vec3 origin, ray;
-    float t = hit(s, gl_FragCoord.xy, origin, ray);
-    vec3 facing = normalize(origin + t * ray - s.xyz), n = uBasis * facing;
-    int tile = uUseTiles ? texelFetch(uSlots, place(id, textureSize(uSlots, 0).x), 0).r : -1;
-    float luminance = 0.0;
-    for (bool lit = tile >= 0; lit; lit = false) luminance = filtered(tile, s.w, facing, t, ray);
-    vec4 coarse = vec4(-1);
-    for (bool dim = tile < 0 && uUseCoarse; dim; dim = false) {
-      coarse = texelFetch(uCoarse, place(id, textureSize(uCoarse, 0).x), 0);
-      luminance = uCoarseScale * max(0.0, coarse.x + dot(coarse.yzw, n));
-    }
-    for (bool bare = tile < 0 && coarse.x < 0.0; bare; bare = false) {
-      luminance = lambert(texelFetch(uSpheres, place(id, textureSize(uSpheres, 0).x), 0).xyz + s.w * n, n);
-    }
-    sum = vec4(luminance * colorOf(id), luminance);
-    cover = 1.0;
-  }
-  outSum = sum;
-  outCover = cover;
+// Where there is neither a texture nor a coarse record.
+float bare(int id, float radius, vec3 n) {
+  return lambert(texelFetch(uSpheres, place(id), 0).xyz + radius * n, n);
+}
+
+void main() { // the depth test leaves out what nothing covers
+  int id = int(texelFetch(uIds, ivec2(gl_FragCoord.xy), 0).r) - 1;
+  vec4 s = sphereAt(id);
+  vec3 ray, facing;
+  float t = hit(s, gl_FragCoord.xy, ray, facing), luminance;
+  vec3 n = uBasis * facing;
+  ${reader ? `
+  int generation${complete ? " = 0, record = id" : ", record = recordOf(id, generation)"};
+  if (record >= 0) luminance = ${filtered ? "filtered(record, generation, s.w, facing, t, ray)" : "textured(record, generation, n)"};` : ""}
+  ${complete ? "" : `${reader ? "else " : ""}{${coarse ? `
+    vec4 c = texelFetch(uCoarse, place(id), 0);
+    luminance = c.x < 0.0 ? bare(id, s.w, n) : uCoarseScale * max(0.0, c.x + dot(c.yzw, n));` : `
+    luminance = bare(id, s.w, n);`}
+  }`}
+  outSum = vec4(luminance * colorOf(id), luminance);
+  outCover = 1.0;
 }`;
 
 /** Every uStep-th pixel of the id buffer, for reading back. */
@@ -271,8 +268,11 @@ void main() {
   outId = all(lessThan(at, ivec2(uSize))) ? texelFetch(uIds, at, 0).r : 0u;
 }`;
 
-/** Sums to a picture: mean, tone curve on luminance, colour, background, sRGB. The same as luxel.kernels.shade.develop. */
-export const PRESENT_FRAGMENT = HEAD + `
+/**
+ * Sums to a picture: mean, tone curve on luminance, colour, background, sRGB. The same as luxel.kernels.shade.develop.
+ * @param {boolean} whole whether pixels of sums are pixels of the picture
+ */
+export const presentFragment = (whole) => HEAD + `
 uniform sampler2D uSum, uCover;
 uniform vec2 uCanvas;   // pixels shown
 uniform vec2 uPart;     // part of the sums that is in use, (0, 1]
@@ -286,8 +286,11 @@ vec3 encode(vec3 c) {
 
 void main() {
   vec2 at = gl_FragCoord.xy / uCanvas;
+  ${whole ? `
+  vec4 sum = texelFetch(uSum, ivec2(gl_FragCoord.xy), 0);
+  float hits = texelFetch(uCover, ivec2(gl_FragCoord.xy), 0).r;` : `
   vec4 sum = texture(uSum, at * uPart);
-  float hits = texture(uCover, at * uPart).r;
+  float hits = texture(uCover, at * uPart).r;`}
   float cover = min(1.0, hits / uCount), gain = 0.0;
   if (sum.a > 0.0 && hits > 0.0) {
     float v = sum.a / hits * uExposure;

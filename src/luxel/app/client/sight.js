@@ -1,7 +1,52 @@
 // What is visible: ids read back from the screen, gathered since the camera last moved, and what to ask the server for.
 
+/**
+ * Where textures are: tiles, or baked ones.
+ * @typedef {object} Store
+ * @property {(id: number) => boolean} isCurrent whether it has the texture of a particle under the current light
+ * @property {number} current names that light
+ * @property {number} capacity most textures
+ */
+
 const RESEND_MS = 1000;
 const MOVING_MS = 150;
+
+/** Particles seen lately: what there is time to draw while the camera moves. */
+export class Recent {
+  /** @param {number} count particles */
+  constructor(count) {
+    this.seen = new Int32Array(count).fill(-1e9); // the last sweep that found each
+    this.turn = 0;
+    this.found = new Int32Array(1024);
+    this.count = 0;
+  }
+
+  /** Take in a sweep; what none of the last `kept` ones found is forgotten. @param {Uint32Array} data ids + 1 @param {number} stride @param {number} kept */
+  collect(data, stride, kept) {
+    const { seen } = this;
+    const turn = ++this.turn;
+    let { found } = this, count = 0;
+    for (let k = 0; k < this.count; k++) if (seen[found[k]] > turn - kept) found[count++] = found[k];
+    for (let k = 0; k < data.length; k += stride) {
+      const id = data[k] - 1;
+      if (id < 0 || id >= seen.length || seen[id] === turn) continue;
+      if (seen[id] <= turn - kept) {
+        if (count === found.length) {
+          this.found = new Int32Array(2 * count);
+          this.found.set(found);
+          found = this.found;
+        }
+        found[count++] = id;
+      }
+      seen[id] = turn;
+    }
+    this.count = count;
+  }
+
+  get ids() {
+    return this.found.subarray(0, this.count);
+  }
+}
 
 export class Sight {
   /** @param {number} count particles */
@@ -49,7 +94,7 @@ export class Sight {
 
   /**
    * How many visible particles have their tile, and how many others a coarse record.
-   * @param {import("./tiles.js").TileStore} tiles @param {import("./coarse.js").CoarseStore} records
+   * @param {Store} tiles @param {import("./coarse.js").CoarseStore} records
    */
   litCount(tiles, records) {
     let ready = 0, coarse = 0;
@@ -63,7 +108,7 @@ export class Sight {
   /**
    * Ids to ask for now, if it is time to: soon when something new came into sight, else about once a second,
    * so that the server does not take the request for outdated.
-   * @param {import("./tiles.js").TileStore} tiles @param {number} now milliseconds
+   * @param {Store} tiles @param {number} now milliseconds
    * @returns {Int32Array | null}
    */
   request(tiles, now) {

@@ -1,29 +1,30 @@
-// The connection: opens, re-opens, hands messages on, and says what went wrong in words.
+// The connection of the served page: opens, re-opens, hands messages on, and says what went wrong in words.
 
-import { SUBPROTOCOL, decode } from "./protocol.js";
+import { SUBPROTOCOL } from "./protocol.js";
 
 /** Close codes after which trying again is no use. */
 const FINAL = new Map([
   [4400, "The server refused a message"],
   [4401, "Not authorised"],
   [4406, "Page and server are of different versions"],
+  [4429, "The server is full"],
 ]);
 const RETRY_MS = [300, 1000, 2000, 5000];
 
-export class Connection {
-  /**
-   * @param {(message: import("./protocol.js").Message) => void} onMessage
-   * @param {() => void} onOpen
-   * @param {(text: string | null, final: boolean) => void} onTrouble null means all is well again
-   */
-  constructor(onMessage, onOpen, onTrouble) {
-    this.onMessage = onMessage;
-    this.onOpen = onOpen;
-    this.onTrouble = onTrouble;
+/** @typedef {import("./app.js").Transport} Transport */
+
+/** @implements {Transport} */
+export class SocketTransport {
+  constructor() {
     this.attempts = 0;
+    /** @type {Transport["onmessage"]} */
+    this.onmessage = null;
+    /** @type {Transport["onopen"]} */
+    this.onopen = null;
+    /** @type {Transport["ontrouble"]} */
+    this.ontrouble = null;
     /** @type {WebSocket | null} */
     this.socket = null;
-    this.open();
   }
 
   open() {
@@ -32,24 +33,30 @@ export class Connection {
     socket.binaryType = "arraybuffer";
     socket.onopen = () => {
       this.attempts = 0;
-      this.onTrouble(null, false);
-      this.onOpen();
+      this.ontrouble?.(null);
+      this.onopen?.();
     };
     socket.onmessage = (event) => {
-      if (this.socket === socket) this.onMessage(decode(event.data));
+      if (this.socket === socket) this.onmessage?.(event.data);
     };
     socket.onclose = (event) => {
       if (this.socket !== socket) return;
       this.socket = null;
       const known = FINAL.get(event.code);
       if (known !== undefined) {
-        this.onTrouble(`${known}: ${event.reason}`, true);
+        this.ontrouble?.(`${known}: ${event.reason}`);
         return;
       }
-      this.onTrouble("Disconnected from the server — trying again …", false);
+      this.ontrouble?.("Disconnected from the server — trying again …");
       setTimeout(() => this.open(), RETRY_MS[Math.min(this.attempts++, RETRY_MS.length - 1)]);
     };
     this.socket = socket;
+  }
+
+  close() {
+    const { socket } = this;
+    this.socket = null;
+    socket?.close();
   }
 
   get connected() {

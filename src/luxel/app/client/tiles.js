@@ -21,6 +21,11 @@ export class DirtyRows {
     if (row > this.high) this.high = row;
   }
 
+  /** @param {number} row */
+  remove(row) {
+    this.flags[row] = 0;
+  }
+
   all() {
     this.flags.fill(1);
     this.low = 0;

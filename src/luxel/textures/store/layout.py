@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from luxel.errors import InputError
 from luxel.particles import Cell, Particles
-from luxel.scene.lights import Light, QuadLight, Sky, SphereLight, Sun, Up
+from luxel.scene.lights import Light, Up, light_from_json, light_json
 from luxel.scene.scene import Model, Scene
 from luxel.textures.spec import TextureSpec
 
@@ -34,8 +34,6 @@ FORMAT = "luxel baked textures"
 VERSION = 1
 
 _PAPER_RATIO = 4.0  # figure 3
-
-_LIGHTS: dict[str, type[Light]] = {kind.__name__: kind for kind in (Sky, Sun, SphereLight, QuadLight)}
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,18 @@ class BakeSettings:
 
     @classmethod
     def of(cls, scene: Scene, spec: TextureSpec, **more: Any) -> BakeSettings:
-        """Return the settings of a scene."""
+        """Return the settings of a scene.
+
+        Raises
+        ------
+        InputError
+            If it hides particles: a store has a texture for every one.
+        """
+        if scene.conditions:
+            raise InputError(
+                "a store holds textures of all particles, and this scene hides some"
+                " — leave hide out, or bake a file without them"
+            )
         return cls(
             scene.sources,
             scene.model,
@@ -148,7 +157,7 @@ class BakeSettings:
         """Return plain values that :meth:`from_json` understands."""
         return {
             "model": self.model,
-            "lights": [_light_json(light) for light in self.lights],
+            "lights": [light_json(light) for light in self.lights],
             "albedo": self.albedo,
             "ao_distance": self.ao_distance,
             "periodic": self.periodic,
@@ -165,7 +174,7 @@ class BakeSettings:
     def from_json(cls, data: Mapping[str, Any]) -> BakeSettings:
         """Inverse of :meth:`to_json`; whatever is wrong with `data` is a KeyError, TypeError or ValueError."""
         values = dict(data)
-        values["lights"] = tuple(_light(light) for light in values["lights"])
+        values["lights"] = tuple(light_from_json(light) for light in values["lights"])
         values["spec"] = TextureSpec(**values["spec"])
         values["codec"] = CodecChoice(**values["codec"])
         values["frames"] = tuple(int(frame) for frame in values["frames"])
@@ -232,14 +241,3 @@ def _digest(digest: Any, array: NDArray[Any]) -> None:
     same = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))  # whatever the file's byte order
     digest.update(f"{same.dtype.str} {same.shape}".encode())
     digest.update(same.data)
-
-
-def _light_json(light: Light) -> dict[str, Any]:
-    values = {f.name: getattr(light, f.name) for f in fields(light)}
-    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
-    return {"kind": type(light).__name__, **plain}
-
-
-def _light(data: Mapping[str, Any]) -> Light:
-    values = dict(data)
-    return _LIGHTS[values.pop("kind")](**values)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +17,7 @@ __all__ = ["StoredBaker"]
 class StoredBaker:
     """Hands out the textures of a stored frame; a :class:`luxel.dynamic.work.TileBaker`.
 
-    The compressed textures of the whole frame are in memory from :meth:`prepare` on. Safe to share between threads.
+    The compressed textures of the whole frame are in memory. Safe to share between threads.
     """
 
     def __init__(self, frame: BakedFrame) -> None:
@@ -28,8 +30,9 @@ class StoredBaker:
         # Luminance linear in the normal n: its mean, and three times the mean of luminance · n.
         self._moments = np.concatenate([weights, 3 * weights * texel_directions(mapping, texels)], axis=-1)
 
-    def prepare(self, threads: int) -> None:
+    def preparation(self, threads: int) -> Iterator[None]:
         """Nothing is left to do once the frame has been read."""
+        yield from ()
 
     def bake_into(self, ids: NDArray[np.int32], codes: NDArray[np.uint8]) -> int:
         """Fill (K, T, T) `codes` of (K,) `ids`; what was clipped is counted in the store."""

@@ -1,17 +1,21 @@
-// The page: wires connection, data, picture and controls together.
+// The app: wires connection, data, picture and controls together, inside one element of whatever page it is in.
 
 import * as cameras from "./camera.js";
 import { CoarseStore } from "./coarse.js";
-import { drawColorbar, grading, isCategorical, label, normalised, rgb, toLinear } from "./colors.js";
+import { BakedStore } from "./codecs.js";
+import { RGB, drawColorbar, grading, isCategorical, normalised, packed, rgb, toLinear } from "./colors.js";
 import { Controls } from "./controls.js";
 import { Film } from "./film.js";
-import { handle } from "./handle.js";
-import { Panel, element } from "./panel.js";
-import { KIND, encode } from "./protocol.js";
+import { debounced, download, finder } from "./dom.js";
+import { Shown } from "./hiding.js";
+import { Overlay } from "./overlay.js";
+import { Panel } from "./panel.js";
+import { Pick } from "./pick.js";
+import { KIND, decode, encode } from "./protocol.js";
 import { PARTICLES_WIDTH, Renderer } from "./renderer.js";
 import { Sight } from "./sight.js";
-import { Connection } from "./socket.js";
 import { TileStore } from "./tiles.js";
+import { cameraFromFile, settingsOf, viewJson } from "./views.js";
 
 /** @typedef {import("./camera.js").Camera} Camera */
 /** @typedef {import("./camera.js").Vec} Vec */
@@ -20,12 +24,34 @@ import { TileStore } from "./tiles.js";
 const ATLAS_BYTES = 64 << 20;
 const PIXELS_MAX = 4_000_000;
 const ASK_MS = 200;
+const LIGHT_DELAY_MS = 120; // after the last movement of a slider
+
+/**
+ * What carries the bytes of messages: a socket, a notebook's comm, or a file that holds all there is to say.
+ * @typedef {object} Transport
+ * @property {() => void} open called once, when the app listens
+ * @property {() => void} close no calls come after it
+ * @property {(message: ArrayBuffer) => void} send dropped while there is no connection
+ * @property {boolean} connected
+ * @property {((message: ArrayBuffer) => void) | null} onmessage
+ * @property {(() => void) | null} onopen a connection is made, perhaps anew: nothing that was said before counts any more
+ * @property {((trouble: string | null, mild?: boolean) => void) | null} ontrouble what is wrong, in words; null when it no longer is
+ */
 
 export class App {
-  constructor() {
-    this.stage = element("stage");
+  /**
+   * @param {HTMLElement} root holds the markup of index.html
+   * @param {Transport} connection
+   * @param {{titled?: (title: string) => void}} [host] the page around
+   */
+  constructor(root, connection, host = {}) {
+    this.root = root;
+    this.element = finder(root);
+    this.stage = this.element("stage");
     /** @type {HTMLCanvasElement} */
-    this.canvas = element("view");
+    this.canvas = this.element("view");
+    this.connection = connection;
+    this.closing = new AbortController();
     /** @type {any} */
     this.scene = null;
     /** @type {any} */
@@ -34,7 +60,10 @@ export class App {
     this.status = null;
     /** @type {Camera | null} */
     this.camera = null;
-    this.sphereData = new Float32Array(0);
+    this.shown = new Shown(0, PARTICLES_WIDTH);
+    /** What is hidden from light too: as the server has it, or ahead of it while a slider moves. @type {import("./hiding.js").Condition[]} */
+    this.opened = [];
+    this.sendOpened = debounced(() => this.sendLight({ hide: this.opened }), LIGHT_DELAY_MS);
     /** @type {Map<string, Scalar>} */
     this.scalars = new Map();
     /** @type {Map<string, Uint8Array>} */
@@ -42,9 +71,11 @@ export class App {
     this.asked = new Set();
     this.tiles = new TileStore(0, 16, 0, PARTICLES_WIDTH);
     this.coarse = new CoarseStore(0, PARTICLES_WIDTH);
+    /** Textures that need no server, once they have come. @type {BakedStore | null} */
+    this.baked = null;
     this.sight = new Sight(0);
     this.askTimer = 0;
-    this.confirmed = { batches: 0, coarse: 0 };
+    this.confirmed = { batches: 0, coarse: 0, parts: 0 };
     this.tilesReceived = 0;
     this.coloring = "";
     this.scheduled = false;
@@ -53,7 +84,7 @@ export class App {
     this.fps = 0;
     /** @type {Map<string, string>} what the banner says, by cause */
     this.troubles = new Map();
-    this.panel = new Panel({
+    this.panel = new Panel(root, {
       color: () => this.colorChanged(),
       tone: () => this.toneChanged(),
       light: (change) => this.sendLight(change),
@@ -63,33 +94,64 @@ export class App {
       projection: () => this.changeCamera(cameras.toggleProjection),
       save: () => this.save(),
       layout: () => this.resize(),
+      titled: (title) => host.titled?.(title),
+      up: () => this.upChanged(),
+      radius: (scale) => this.scaleRadii(scale),
+      hide: ({ keeps, opens }) => this.hideChanged(keeps, opens),
+      towardsMe: () => [...(this.camera ? cameras.unit(cameras.sub(this.camera.eye, this.camera.target)) : [0, 0, 1])],
+      rangeOf: (name) => this.scalars.get(name)?.range ?? null,
+      saveView: () => this.saveView(),
+      loadView: (text) => this.loadView(text),
+    });
+    this.overlay = new Overlay(/** @type {any} */ (this.element("overlay")));
+    this.pick = new Pick(root, {
+      inspect: (id) => this.connection.send(encode(KIND.inspect, { id })),
+      shown: () => this.shown,
+      redraw: () => this.drawOverlay(),
     });
     this.renderer = this.makeRenderer();
     this.film = this.makeFilm();
-    this.connection = new Connection(
-      (message) => this.receive(message),
-      () => {
-        this.confirmed = { batches: 0, coarse: 0 };
-        this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
-      },
-      (text) => this.trouble("connection", text),
-    );
+    connection.onmessage = (message) => this.receive(decode(message));
+    connection.ontrouble = (trouble, mild = false) => {
+      this.trouble("connection", mild ? null : trouble);
+      this.trouble("waiting", mild ? trouble : null);
+    };
+    connection.onopen = () => {
+      this.confirmed = { batches: 0, coarse: 0, parts: 0 };
+      this.connection.send(encode(KIND.hello, { renderer: this.renderer.name.slice(0, 400) }));
+    };
     new Controls(this.canvas, {
       get: () => this.camera,
       set: (camera) => this.setCamera(camera),
       frame: () => this.fit(),
       axis: (axis, negative) => this.axisView(axis, negative),
-      click: (x, y) => this.pick(x, y),
+      click: (x, y) => this.pickAt(x, y),
+      escape: () => this.pick.set(-1),
     });
     this.canvas.addEventListener("webglcontextlost", (event) => {
+      if (this.closing.signal.aborted) return;
       event.preventDefault(); // or it would never come back
       this.trouble("graphics", "The graphics context was lost — waiting for the browser to restore it …");
       this.report("graphics context lost");
     });
     this.canvas.addEventListener("webglcontextrestored", () => this.restore());
-    new ResizeObserver(() => this.resize()).observe(this.stage);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.drawBar());
+    const { signal } = this.closing;
+    const resizes = new ResizeObserver(() => this.resize());
+    resizes.observe(this.stage);
+    signal.addEventListener("abort", () => resizes.disconnect());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.drawBar(), { signal });
     this.resize();
+    connection.open();
+  }
+
+  /** Give everything back; the root may be thrown away then. */
+  close() {
+    this.closing.abort();
+    clearTimeout(this.askTimer);
+    this.connection.onmessage = this.connection.onopen = this.connection.ontrouble = null;
+    this.connection.close();
+    // Browsers keep few graphics contexts, and collect those without owner late.
+    this.renderer.gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 
   makeRenderer() {
@@ -117,12 +179,16 @@ export class App {
         return this.colorChanged();
       case KIND.tiles: return this.takeTiles(head, arrays);
       case KIND.coarse: return this.takeCoarse(head, arrays);
+      case KIND.codec: return this.takeCodec(head, arrays);
+      case KIND.payload: return this.takePayload(head, arrays);
       case KIND.status:
         this.status = head;
         this.trouble("light", head.error ? `Light: ${head.error}` : null);
         if (head.ready || this.light?.model === "lambertian") this.trouble("notice", null);
         return this.showStatus();
       case KIND.error: return this.trouble("server", head.text, true);
+      case KIND.view: return this.takeView(head.view);
+      case KIND.particle: return head.epoch === this.scene?.epoch && this.pick.take(head);
     }
   }
 
@@ -130,7 +196,8 @@ export class App {
   takeScene(head) {
     const again = this.scene !== null && this.scene.title === head.title;
     this.scene = head;
-    this.sphereData = new Float32Array(4 * head.count);
+    this.shown = new Shown(head.count, PARTICLES_WIDTH);
+    this.shown.setScale(this.light?.lighting.radius_scale ?? 1);
     this.scalars.clear();
     this.asked.clear();
     this.coloring = "";
@@ -138,14 +205,16 @@ export class App {
     this.guard(() => this.renderer.setScene(head.count, reach));
     this.tiles = new TileStore(head.count, head.texels, ATLAS_BYTES, PARTICLES_WIDTH);
     this.coarse = new CoarseStore(head.count, PARTICLES_WIDTH);
-    this.guard(() => this.renderer.setAtlas(this.tiles));
-    this.renderer.setTexels(head);
+    this.baked = null;
+    this.guard(() => this.renderer.sets[0].setTiles(this.tiles, this.coarse, head));
     this.sight = new Sight(head.count);
+    if (this.pick.id >= 0) this.pick.set(again && this.pick.id < head.count ? this.pick.id : -1);
     this.panel.setScene(head, again);
     this.trouble("notice", head.notice || null);
     if (!again || this.camera === null) {
-      this.setCamera(head.view.camera ?? this.framed(this.firstDirection(), false));
+      this.setCamera(head.view.camera ? cameraFromFile(head.view.camera, head) : this.framed(this.firstDirection(), false));
     }
+    this.applyHiding();
     this.film.restart();
     this.colorChanged();
     this.toneChanged();
@@ -155,6 +224,12 @@ export class App {
   takeLight(head, arrays) {
     this.light = { ...head, ...arrays };
     this.lightRenderer();
+    if (!this.sendOpened.pending()) {
+      this.opened = head.lighting.hide;
+      this.panel.hiding.take({ keeps: this.panel.settings.hide, opens: this.opened });
+    }
+    if (!this.panel.ahead("radius")) this.scaleRadii(head.lighting.radius_scale);
+    this.applyHiding();
     this.tiles.setLight(head.key, arrays.decoding);
     this.coarse.setLight(head.key);
     this.panel.setLight(head);
@@ -165,24 +240,17 @@ export class App {
   }
 
   lightRenderer() {
-    this.renderer.light = this.light;
-    Object.assign(this.renderer.look, {
-      useTiles: this.light.model !== "lambertian", white: this.light.white, coarseScale: this.light.decoding[255],
+    const { light } = this;
+    Object.assign(this.renderer.sets[0], {
+      lights: light, textured: light.model !== "lambertian", white: light.white, coarseScale: light.decoding[255],
     });
   }
 
   /** @param {any} head @param {Record<string, any>} arrays */
   takeGeometry(head, arrays) {
     if (head.epoch !== this.scene?.epoch) return;
-    const { positions, radii } = arrays;
-    const part = this.sphereData.subarray(4 * head.start, 4 * (head.start + radii.length));
-    for (let k = 0; k < radii.length; k++) {
-      part[4 * k] = positions[3 * k];
-      part[4 * k + 1] = positions[3 * k + 1];
-      part[4 * k + 2] = positions[3 * k + 2];
-      part[4 * k + 3] = radii[k];
-    }
-    this.renderer.setSpheres(head.start, part);
+    this.shown.put(head.start, arrays.positions, arrays.radii);
+    this.uploadSpheres();
     this.film.restart();
     this.schedule();
   }
@@ -192,6 +260,8 @@ export class App {
     if (head.epoch !== this.scene?.epoch) return;
     const { labels } = this.scene.scalars.find((/** @type {any} */ each) => each.name === head.name) ?? { labels: null };
     this.scalars.set(head.name, { values: arrays.values, range: head.range, logRange: head.log_range, whole: head.whole, labels });
+    this.panel.hiding.show();
+    this.applyHiding();
     this.colorChanged();
   }
 
@@ -216,22 +286,47 @@ export class App {
     this.trouble("notice", null);
   }
 
-  /** Make room for more messages of a kind. @param {"batches" | "coarse"} which */
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takeCodec(head, arrays) {
+    if (head.key !== this.light?.key) return;
+    this.baked = new BakedStore({ ...head.description, mapping: this.scene.mapping, particles: head.particles, part: head.part, payload_bytes: head.payload_bytes }, arrays);
+    this.guard(() => this.renderer.sets[0].setBaked(this.baked));
+    this.film.lightChanged();
+    this.sight.askAgain();
+    this.schedule();
+  }
+
+  /** @param {any} head @param {Record<string, any>} arrays */
+  takePayload(head, arrays) {
+    this.confirm("parts");
+    if (head.key !== this.light?.key || this.baked === null) return;
+    this.baked.put(head.start, arrays.records);
+    this.film.lightChanged();
+    this.trouble("notice", null);
+    this.schedule();
+  }
+
+  /** Where the textures of the current light are. */
+  get store() {
+    return this.baked ?? this.tiles;
+  }
+
+  /** Make room for more messages of a kind. @param {"batches" | "coarse" | "parts"} which */
   confirm(which) {
     this.confirmed[which]++;
     this.connection.send(encode(KIND.confirm, this.confirmed));
   }
 
-  /** @param {{model?: string, sky?: number, sun?: number[]}} change */
+  /** @param {{model?: string, sky?: number, sun?: number[], up?: string, hide?: object[], radius_scale?: number}} change */
   sendLight(change) {
     this.connection.send(encode(KIND.setLight, change));
   }
 
   /** Tell the server what is visible and has no light yet. */
   ask() {
-    if (this.light === null || this.light.model === "lambertian" || this.camera === null) return;
     clearTimeout(this.askTimer);
-    const ids = this.sight.request(this.tiles, performance.now());
+    if (this.light === null || this.light.model === "lambertian" || this.camera === null || this.baked?.complete) return;
+    const ids = this.sight.request(this.store, performance.now());
     if (this.sight.waiting) this.askTimer = setTimeout(() => this.ask(), ASK_MS);
     if (ids !== null && ids.length) {
       this.connection.send(encode(KIND.sighted, { key: this.light.key, eye: this.camera.eye }, { ids: ids.slice() }));
@@ -250,10 +345,13 @@ export class App {
     const { look } = this.renderer;
     look.color = rgb(s.color).map(toLinear);
     look.noData = rgb(s.noData).map(toLinear);
-    const scalar = s.colorBy === null ? null : this.scalars.get(s.colorBy);
+    const own = s.colorBy !== null && s.colormap === RGB;
+    const scalar = s.colorBy === null || own ? null : this.scalars.get(s.colorBy);
     const lut = this.luts.get(s.colormap);
-    if (s.colorBy !== null && scalar === undefined) this.askFor(KIND.scalarRequest, s.colorBy);
-    if (s.colorBy !== null && lut === undefined) this.askFor(KIND.colormapRequest, s.colormap);
+    if (own) {
+      this.showOwnColors(/** @type {string} */ (s.colorBy));
+    } else if (s.colorBy !== null && scalar === undefined) this.askFor(KIND.scalarRequest, s.colorBy);
+    if (s.colorBy !== null && !own && lut === undefined) this.askFor(KIND.colormapRequest, s.colormap);
     if (s.colorBy === null) {
       look.uniform = true;
     } else if (scalar && lut) {
@@ -263,12 +361,27 @@ export class App {
         this.renderer.setLut(lut);
         this.coloring = wanted;
       }
-      look.uniform = false;
+      look.uniform = look.packed = false;
       this.panel.setShownRange(s.log ? scalar.logRange : scalar.range);
     }
     this.drawBar();
     this.film.lightChanged();
     this.schedule();
+  }
+
+  /** Show a vector's components as colours, once they are all here. @param {string} name */
+  showOwnColors(name) {
+    const names = ["x", "y", "z"].map((component) => `${name}.${component}`);
+    const channels = names.flatMap((each) => this.scalars.get(each) ?? []);
+    for (const each of names) if (!this.scalars.has(each)) this.askFor(KIND.scalarRequest, each);
+    if (channels.length < 3) return;
+    const wanted = JSON.stringify([this.scene.epoch, name, RGB]);
+    if (wanted !== this.coloring) {
+      this.renderer.setValues(packed(channels));
+      this.coloring = wanted;
+    }
+    this.renderer.look.uniform = false;
+    this.renderer.look.packed = true;
   }
 
   /** @param {number} kind @param {string} name */
@@ -287,7 +400,7 @@ export class App {
     const rows = lut.length / 3;
     const codes = isCategorical(scalar, rows, s.range, s.log);
     const labels = codes ? scalar.labels ?? Array.from({ length: Math.min(rows, 1 + Math.max(0, scalar.range[1])) }, (_, k) => String(k)) : null;
-    drawColorbar(element("bar"), {
+    drawColorbar(this.element("bar"), {
       lut, log: s.log, title: s.colorBy, labels,
       range: s.range ?? (s.log ? scalar.logRange : scalar.range),
       noData: scalar.values.some(Number.isNaN) ? s.noData : null,
@@ -302,6 +415,90 @@ export class App {
     this.schedule();
   }
 
+  /** Whether the server is still to be told of a change. */
+  get pending() {
+    return this.sendOpened.pending() || Object.values(this.panel.changes).some((change) => change.pending());
+  }
+
+  // What is shown ------------------------------------------------------------------------------------------------------
+
+  /** @param {import("./hiding.js").Condition[]} keeps @param {import("./hiding.js").Condition[]} opens */
+  hideChanged(keeps, opens) {
+    this.panel.settings.hide = keeps;
+    if (JSON.stringify(opens) !== JSON.stringify(this.opened)) {
+      this.opened = opens;
+      this.sendOpened();
+    }
+    this.applyHiding();
+  }
+
+  applyHiding() {
+    if (this.scene === null) return;
+    const { shown } = this;
+    const changed = shown.hide([...this.panel.settings.hide, ...this.opened], this.scalars, this.scene);
+    for (const name of shown.missing) this.askFor(KIND.scalarRequest, name);
+    this.panel.hiding.showCount(shown.hiddenCount, shown.count);
+    if (changed) this.uploadSpheres();
+  }
+
+  /** @param {number} scale of all radii */
+  scaleRadii(scale) {
+    if (this.shown.setScale(scale)) this.uploadSpheres();
+  }
+
+  /** The spheres have changed, and with them what is visible. */
+  uploadSpheres() {
+    this.shown.flush((start, part) => this.renderer.setSpheres(start, part));
+    this.drawOverlay();
+    if (this.camera !== null) this.film.setCamera(this.camera); // as after a move: coarse at first, then everything anew
+    this.schedule();
+  }
+
+  upChanged() {
+    if (this.camera === null || this.scene === null) return;
+    this.camera = { ...this.camera, up: cameras.upFrame(this.panel.settings.up)[2] };
+    this.setCamera(this.framed(this.firstDirection(), this.camera.height !== null));
+    if (!this.scene.light_fixed) this.sendLight({ sun: this.panel.sun(), sky: this.panel.sky(), up: this.panel.settings.up });
+  }
+
+  /** All that makes this picture, as luxel.SavedView has it. */
+  savedView() {
+    const { scene, light, camera } = this;
+    return {
+      luxel_view: 1, frame: scene.frame, view: viewJson(this.panel.settings, camera, scene),
+      light: scene.light_fixed ? null : { ...light.lighting, hide: this.opened, radius_scale: this.shown.scale },
+    };
+  }
+
+  saveView() {
+    if (this.scene === null || this.light === null) return;
+    const text = `${JSON.stringify(this.savedView(), null, 2)}\n`;
+    download(new Blob([text], { type: "application/json" }), `${this.scene.title.replace(/\.\w+$/, "")}.view.json`);
+  }
+
+  /** @param {string} text of a file */
+  loadView(text) {
+    let saved;
+    try {
+      saved = JSON.parse(text);
+    } catch (error) {
+      return this.trouble("server", `This is no view: ${error instanceof Error ? error.message : error}`, true);
+    }
+    if (typeof saved !== "object" || saved === null || Array.isArray(saved)) return this.trouble("server", "This is no view: it must be a JSON object", true);
+    this.connection.send(encode(KIND.loadView, { saved }));
+  }
+
+  /** @param {any} view as of View.to_json() */
+  takeView(view) {
+    Object.assign(this.panel.settings, settingsOf(view));
+    this.panel.refresh();
+    this.panel.hiding.take({ keeps: view.hide, opens: this.opened });
+    if (view.camera) this.setCamera(cameraFromFile(view.camera, this.scene));
+    this.applyHiding();
+    this.colorChanged();
+    this.toneChanged();
+  }
+
   // Camera -----------------------------------------------------------------------------------------------------------
 
   get aspect() {
@@ -310,12 +507,12 @@ export class App {
 
   /** @returns {Vec} from the target to the eye: that of Camera.framing */
   firstDirection() {
-    return cameras.direction(cameras.upFrame(this.scene.view.up), -Math.PI / 3, (25 * Math.PI) / 180);
+    return cameras.direction(cameras.upFrame(this.panel.settings.up), -Math.PI / 3, (25 * Math.PI) / 180);
   }
 
   /** @param {Vec} towards @param {boolean} orthographic @returns {Camera} */
   framed(towards, orthographic) {
-    const up = this.camera?.up ?? cameras.upFrame(this.scene.view.up)[2];
+    const up = this.camera?.up ?? cameras.upFrame(this.panel.settings.up)[2];
     return cameras.framing(this.scene.bounds, towards, { up, fov: this.camera?.fov ?? 30, aspect: this.aspect, orthographic });
   }
 
@@ -330,7 +527,7 @@ export class App {
     if (this.camera === null) return;
     const k = "xyz".indexOf(axis);
     const sign = negative ? -1 : 1;
-    const frame = cameras.upFrame(this.scene.view.up);
+    const frame = cameras.upFrame(this.panel.settings.up);
     /** @type {Vec} */
     let towards = [0, 0, 0];
     towards[k] = sign;
@@ -351,8 +548,9 @@ export class App {
   /** @param {Camera} camera */
   setCamera(camera) {
     this.camera = camera;
-    element("orthographic").checked = camera.height !== null;
+    this.element("orthographic").checked = camera.height !== null;
     this.film.setCamera(camera);
+    this.drawOverlay();
     this.schedule();
   }
 
@@ -369,6 +567,7 @@ export class App {
       this.film.restart();
     }
     this.drawBar();
+    this.drawOverlay();
     this.schedule();
   }
 
@@ -377,18 +576,22 @@ export class App {
     this.scheduled = true;
     requestAnimationFrame(() => {
       this.scheduled = false;
+      if (this.closing.signal.aborted) return;
       this.guard(() => this.step());
     });
   }
 
   step() {
     if (this.renderer.gl.isContextLost()) return;
-    this.renderer.uploadTiles(this.tiles);
-    this.renderer.uploadCoarse(this.coarse);
+    this.upload();
     const more = this.film.step();
     const now = performance.now();
     if (now - this.statusAt > 500) this.showStatus();
     if (more) this.schedule();
+  }
+
+  upload() {
+    for (const set of this.renderer.sets) set.upload();
   }
 
   /** Run what may fail for lack of graphics, and say so. @param {() => void} action */
@@ -411,9 +614,10 @@ export class App {
       this.resize();
       if (this.scene !== null) {
         this.renderer.setScene(this.scene.count, 4);
-        this.renderer.setSpheres(0, this.sphereData);
-        this.renderer.setAtlas(this.tiles);
-        this.renderer.setTexels(this.scene);
+        this.shown.dirty.all();
+        this.shown.flush((start, part) => this.renderer.setSpheres(start, part));
+        this.renderer.sets[0].setTiles(this.tiles, this.coarse, this.scene);
+        this.renderer.sets[0].setBaked(this.baked);
       }
       if (this.light !== null) {
         this.lightRenderer();
@@ -443,23 +647,25 @@ export class App {
     const parts = [`${n(visible)} visible`];
     if (this.light?.model === "lambertian") {
       parts.push("no global light");
+    } else if (this.baked) {
+      parts.push(ready >= visible ? "baked light" : `${n(ready)} with baked light`);
     } else {
       parts.push(ready >= visible ? "all lit" : `${n(ready)} lit`);
       if (coarse) parts.push(`${n(coarse)} in first light`);
       if (this.status?.queued) parts.push(`${n(this.status.queued + this.status.baking)} queued`);
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
-      if (this.tiles.dropped) parts.push("texture memory full");
+      if (this.store.dropped) parts.push("texture memory full");
     }
     if (this.fps >= 0.5) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
-    element("counts").textContent = parts.join("  ·  ");
+    this.element("counts").textContent = parts.join("  ·  ");
     /** @type {HTMLProgressElement} */
-    const progress = element("progress");
+    const progress = this.element("progress");
     progress.value = visible ? ready / visible : 0;
     progress.hidden = this.light?.model === "lambertian" || ready >= visible;
   }
 
   counts() {
-    return { visible: this.sight.count, ...this.sight.litCount(this.tiles, this.coarse) };
+    return { visible: this.sight.count, ...this.sight.litCount(this.store, this.coarse) };
   }
 
   /** Say what is wrong, or that it no longer is. @param {string} cause @param {string | null} text @param {boolean} [passing] goes away by itself */
@@ -471,28 +677,22 @@ export class App {
         if (this.troubles.get(cause) === text) this.trouble(cause, null);
       }, 8000);
     }
-    const banner = element("banner");
+    const banner = this.element("banner");
     banner.textContent = [...this.troubles.values()].join("\n");
     banner.hidden = this.troubles.size === 0;
-    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice"));
+    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice" || key === "waiting"));
   }
 
   /** Tell about the particle at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */
-  pick(x, y) {
+  pickAt(x, y) {
+    if (this.camera !== null && this.scene !== null) this.pick.set(this.renderer.idAt(this.camera, x, 1 - y));
+  }
+
+  /** Axes, scale bar and what was picked. */
+  drawOverlay() {
     if (this.camera === null || this.scene === null) return;
-    const { width, height, ids } = this.renderer.capture(this.camera);
-    const id = ids[Math.min(height - 1, Math.floor((1 - y) * height)) * width + Math.min(width - 1, Math.floor(x * width))];
-    const readout = element("readout");
-    readout.hidden = id < 0;
-    if (id < 0) return;
-    const { center, unit } = this.scene;
-    const place = [0, 1, 2].map((a) => Number((center[a] + unit * this.sphereData[4 * id + a]).toPrecision(6)));
-    const lines = [`particle ${id}`, `at ${place.join(", ")}`, `radius ${Number((unit * this.sphereData[4 * id + 3]).toPrecision(4))}`];
-    for (const [name, { values, labels, range }] of this.scalars) {
-      const text = labels?.[values[id]] ?? (Number.isNaN(values[id]) ? "no data" : label(values[id], range[1] - range[0]));
-      lines.push(`${name} ${text}`);
-    }
-    readout.textContent = lines.join("\n");
+    const at = this.overlay.draw(this.camera, this.scene, this.pick.sphere);
+    this.pick.place(at, this.stage.clientWidth, this.stage.clientHeight);
   }
 
   save() {
@@ -502,21 +702,7 @@ export class App {
     this.renderer.present(shown.pair, shown.count, { width: Math.floor(width * shown.scale), height: Math.floor(height * shown.scale), epoch: 0 });
     this.canvas.toBlob((blob) => {
       if (blob === null) return;
-      const link = document.createElement("a");
-      link.href = URL.createObjectURL(blob);
-      link.download = `${this.scene?.title ?? "luxel"}.png`;
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+      download(blob, `${this.scene?.title ?? "luxel"}.png`);
     });
   }
-}
-
-try {
-  const app = new App();
-  Object.assign(window, { luxel: handle(app) });
-} catch (error) {
-  const banner = element("banner");
-  banner.textContent = error instanceof Error ? error.message : String(error);
-  banner.hidden = false;
-  throw error;
 }

@@ -1,0 +1,282 @@
+"""Desk: what is to be done for the particles of one shard, and which of it next."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from luxel.dynamic.cache import TextureCache
+from luxel.dynamic.entries import (
+    DAWNING,
+    ESTIMATE,
+    FULL,
+    LIT,
+    NONE,
+    QUEUED,
+    Entries,
+    grade_of,
+    work_of,
+)
+from luxel.dynamic.queue import RequestQueue
+from luxel.dynamic.sightings import Ids, Sighting
+
+__all__ = ["OLDEST_EVERY", "Desk", "Kind", "Piece"]
+
+#: Every so many pieces of work, one goes to the requests that have waited longest.
+OLDEST_EVERY = 4
+
+
+class Kind(Enum):
+    """Kinds of work on particles, in the order in which they are done."""
+
+    FIRST_LIGHT = "first light"
+    FIRST_TEXTURE = "first texture"
+    REFINEMENT = "refinement"
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Some particles of one shard, to be worked on at one go.
+
+    Parameters
+    ----------
+    kind
+        What to do.
+    light
+        For which light key.
+    ids
+        (K,) int32.
+    alone
+        Whether it is the second attempt at something that failed.
+    """
+
+    kind: Kind
+    light: Entries
+    ids: Ids
+    alone: bool = False
+
+
+class Desk:
+    """Takes in sightings and hands out pieces of work, for the particles of one shard and one light key.
+
+    Frames leave their sightings with the cache; whoever asks for work takes them in here first. Of several by one client that have piled
+    up, the latest counts.
+
+    Safe to share: it owns one lock, and calls the cache and `Sighting.measure` while it holds it.
+
+    Parameters
+    ----------
+    number
+        Which shard.
+    cache
+        Knows the state of all entries.
+    make_queue
+        Makes its queues, one for each :class:`Kind`.
+    small_pixels
+        A particle narrower than this on every screen is content with an estimate.
+    """
+
+    def __init__(
+        self, number: int, cache: TextureCache, make_queue: Callable[[], RequestQueue], small_pixels: float
+    ) -> None:
+        self.number = number
+        self.small_pixels = small_pixels
+        self._cache = cache
+        self._lock = threading.Lock()
+        self._queues: dict[Kind, RequestQueue] = {kind: make_queue() for kind in Kind}
+        self._again: deque[tuple[Kind, int]] = deque()
+        self._light: Entries | None = None
+        self._version = -1
+        self._taken_in: dict[str, int] = {}
+        self._turn = 0
+        self._over_budget = 0
+        self._estimated = False  # since sightings were taken in
+        self._hopeless: set[Kind] = set()
+
+    def select(self, light: Entries | None) -> None:
+        """Withdraw all requests, and take those for another light key from now on; None for none."""
+        with self._lock:
+            self._clear()
+            self._light = light
+            self._version = -1
+            self._taken_in = {}
+            self._hopeless = set()
+            self._over_budget = 0
+
+    def waiting(self, now_s: float) -> dict[Kind, int]:
+        """How many particles wait for each kind of work that can be done, second attempts included."""
+        with self._lock:
+            self._refresh(now_s)
+            found = {kind: len(queue) for kind, queue in self._queues.items()}
+            if found[Kind.REFINEMENT]:
+                found[Kind.REFINEMENT] = min(found[Kind.REFINEMENT], self._spare())
+            for kind, _ in self._again:
+                found[kind] += 1
+            return found
+
+    def oldest_s(self, kinds: Collection[Kind]) -> float:
+        """When the request that has waited longest for one of some kinds of work came; infinite if there is none."""
+        with self._lock:
+            return min(self._queues[kind].oldest_s for kind in kinds)
+
+    @property
+    def over_budget(self) -> int:
+        """Visible particles that the cache has no room for, as of the last look."""
+        return self._over_budget
+
+    def take(self, light: Entries, now_s: float, most: Mapping[Kind, int], threads: int) -> Piece | None:
+        """Return the next piece of work, None if there is none.
+
+        Parameters
+        ----------
+        light
+            For which light key; for another there is none.
+        now_s
+            When, in seconds.
+        most
+            Kinds of work that can be done now, and for how many particles at most.
+        threads
+            Work is divided between so many.
+        """
+        with self._lock:
+            if light is not self._light:
+                return None
+            self._refresh(now_s)
+            for _ in range(len(self._again)):
+                kind, particle = self._again.popleft()
+                if kind in most:
+                    return Piece(kind, light, np.array([particle], np.int32), alone=True)
+                self._again.append((kind, particle))
+            waiting = [kind for kind in Kind if kind in most and len(self._queues[kind])]
+            if not waiting:
+                return None
+            self._turn += 1
+            oldest = self._turn % OLDEST_EVERY == 0
+            if oldest:
+                waiting.sort(key=lambda kind: self._queues[kind].oldest_s)
+            for kind in waiting:
+                queue = self._queues[kind]
+                count = min(most[kind], max(1, -(-len(queue) // threads)))
+                if kind is Kind.REFINEMENT:
+                    count = min(count, self._spare())
+                # What another client or a frame has overtaken is not in the queued state any more.
+                while count > 0 and len(queue):
+                    ids = queue.pop_oldest(count) if oldest else queue.pop(count)
+                    mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
+                    ids = ids[mark(light, ids)]
+                    if len(ids):
+                        return Piece(kind, light, ids)
+            return None
+
+    def done(self, piece: Piece, grade: int) -> None:
+        """Note that textures of a piece are there: where they are estimates, those who rest may want better ones."""
+        if grade == ESTIMATE and piece.light is self._light:
+            self._estimated = True
+
+    def retry(self, piece: Piece) -> bool:
+        """Do a piece that failed once more, one particle at a time; False if its light key is not wanted any more."""
+        with self._lock:
+            if piece.light is not self._light:
+                return False
+            self._again.extend((piece.kind, particle) for particle in piece.ids.tolist())
+            return True
+
+    def give_up(self, light: Entries, kinds: Collection[Kind]) -> None:
+        """Withdraw all requests for some kinds of work, and take none until the light changes."""
+        with self._lock:
+            if light is self._light:
+                self._clear(kinds)
+                self._hopeless.update(kinds)
+
+    # What follows runs under the lock.
+
+    def _spare(self) -> int:
+        """Refined textures that could be stored now, while frames hold those that they replace."""
+        return self._cache.shards[self.number].spare()
+
+    def _clear(self, kinds: Collection[Kind] = tuple(Kind)) -> None:
+        for kind in kinds:
+            self._release(kind, self._queues[kind].clear())
+        again, self._again = self._again, deque()
+        for kind, particle in again:
+            if kind in kinds:
+                self._release(kind, np.array([particle], np.int32))
+            else:
+                self._again.append((kind, particle))
+
+    def _release(self, kind: Kind, ids: Ids) -> None:
+        if self._light is None or not len(ids):
+            return
+        if kind is Kind.FIRST_LIGHT:
+            self._cache.release_dawning(self._light, ids)
+        else:
+            self._cache.release(self._light, ids)
+
+    def _refresh(self, now_s: float) -> None:
+        """Take in what frames have sighted, drop what lapsed, and give up what there is no room for."""
+        light = self._light
+        if light is None:
+            return
+        fresh = self._version != self._cache.version
+        if self._estimated and not len(self._queues[Kind.FIRST_TEXTURE]):
+            self._taken_in.clear()
+            fresh = True
+        if fresh:
+            self._version = self._cache.version
+            self._estimated = False
+            sightings = self._cache.sightings.copy()
+            for client in list(self._taken_in):
+                if client not in sightings:
+                    del self._taken_in[client]
+                    for queue in self._queues.values():
+                        queue.forget(client)
+            for client, sighting in sightings.items():
+                if sighting.key == light.key and self._taken_in.get(client) != sighting.number:
+                    self._taken_in[client] = sighting.number
+                    self._take_in(light, sighting)
+        for kind, queue in self._queues.items():
+            gone = queue.refresh(now_s)
+            if kind is not Kind.FIRST_LIGHT:
+                self._release(kind, gone)
+        if fresh:
+            shard = self._cache.shards[self.number]
+            queue = self._queues[Kind.FIRST_TEXTURE]
+            # Baking more than fits would only evict what is on the screen.
+            self._over_budget = 0
+            if len(queue) + shard.used > shard.capacity // 2:
+                excess = queue.limit(shard.room())
+                self._over_budget = len(excess)
+                self._release(Kind.FIRST_TEXTURE, excess)
+
+    def _take_in(self, light: Entries, sighting: Sighting) -> None:
+        ids = sighting.part(self.number, len(self._cache.shards))
+        state = light.state[ids]
+        unfinished = (grade_of(state) < FULL) & (work_of(state) <= QUEUED)
+        ids, state = ids[unfinished], state[unfinished]
+        distance, pixels = sighting.measure(ids)
+        distance = np.asarray(distance, np.float64)
+        width = np.zeros(len(ids)) if pixels is None else np.asarray(pixels, np.float64)
+        grade, work = grade_of(state), work_of(state)
+        small = np.zeros(len(ids), np.bool_) if pixels is None else width < self.small_pixels
+        open_ones = grade < np.where(small, ESTIMATE, FULL)
+        asked = {
+            Kind.FIRST_LIGHT: open_ones & (grade == NONE) & ((state & np.uint8(LIT | DAWNING)) == 0),
+            Kind.FIRST_TEXTURE: open_ones & (grade == NONE),
+            Kind.REFINEMENT: open_ones & (grade != NONE),
+        }
+        if not len(light.coarse):
+            asked[Kind.FIRST_LIGHT][:] = False
+        for kind, chosen in asked.items():
+            if kind in self._hopeless:
+                chosen[:] = False
+            elif kind is not Kind.FIRST_LIGHT:
+                idle = np.flatnonzero(chosen & (work != QUEUED))
+                chosen[idle] = self._cache.mark_queued(light, ids[idle])
+            self._queues[kind].push(
+                ids[chosen], distance[chosen], width[chosen], sighting.seen_s, sighting.client
+            )

@@ -1,0 +1,73 @@
+"""What each client sees, and how particle ids are spread over shards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Ids", "Measure", "Sighting", "by_shard", "shard_of"]
+
+Ids = NDArray[np.int32]
+
+#: Distances (K,) of particles from the eye in diagonals of the scene, and their widths (K,) in pixels or None if unknown.
+Measure = Callable[[Ids], tuple[NDArray[np.floating], NDArray[np.floating] | None]]
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What one client sees at one moment.
+
+    Parameters
+    ----------
+    client
+        Who.
+    number
+        Counts the sightings of all clients.
+    key
+        The light key that it shows.
+    ids
+        (K,) int32, every visible particle, ascending, each once.
+    measure
+        How far and how large they are; called later, on a thread of the engine, for what needs a texture.
+    seen_s
+        When, in seconds.
+    """
+
+    client: str
+    number: int
+    key: str
+    ids: Ids
+    measure: Measure
+    seen_s: float
+    _parts: dict[int, list[Ids]] = field(default_factory=dict, repr=False)
+
+    def part(self, shard: int, shards: int) -> Ids:
+        """Return those of `ids` that belong to a shard, ascending."""
+        if shards == 1:
+            return self.ids
+        if shards not in self._parts:  # two threads that do this at once do the same
+            places = by_shard(self.ids, shards)
+            self._parts[shards] = [self.ids[place] for place in places]
+        return self._parts[shards][shard]
+
+
+def shard_of(ids: Ids, shards: int) -> NDArray[np.uint8]:
+    """(K,) the shard of each particle, 0 <= shard < `shards`, a power of two up to 256.
+
+    Hashed, since what is visible often has ids of one residue or one range: files list lattices layer by layer.
+    """
+    if shards == 1:
+        return np.zeros(len(ids), np.uint8)
+    mixed = ids.astype(np.uint32) * np.uint32(2_654_435_769)  # Knuth's multiplicative hash
+    return (mixed >> np.uint32(33 - shards.bit_length())).astype(np.uint8)
+
+
+def by_shard(ids: Ids, shards: int) -> list[NDArray[np.intp]]:
+    """Where in `ids` each shard's particles are, ascending."""
+    shard = shard_of(ids, shards)
+    order = np.argsort(shard, kind="stable")
+    ends = np.cumsum(np.bincount(shard, minlength=shards))
+    return np.split(order, ends[:-1])

@@ -1,0 +1,373 @@
+"""One ray a pixel, from camera to picture: trace a tile, light what it hits, develop the rows.
+
+Light is looked up two steps behind the rays: between asking for a particle's texels and reading them lies the
+tracing of the next tile, so that the threads do not wait for memory. Rows are handed out by a counter that all threads of
+a frame share; each makes a single call a frame.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from luxel.kernels import FIRST_LIGHT
+from luxel.kernels.direct import lambert_lanes
+from luxel.kernels.jit import kernel
+from luxel.kernels.lookup import four_codes, prefetch_texels, side_of
+from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
+from luxel.kernels.memory import prefetch, take
+from luxel.kernels.simd import LANES, any_lane, fma, load, select, splat, store, vmax, vmin, vsqrt
+from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, place_of, trace_tile
+from luxel.kernels.tone import develop_rows
+from luxel.kernels.tree_trace import Scratch, scratch
+
+__all__ = ["Bench", "Skin", "draw_frame", "gather_seen", "make_bench", "slots_digest"]
+
+_ZERO, _QUARTER, _ONE, _TWO = (np.float32(x) for x in (0, 0.25, 1, 2))
+# Rays closer than so many radii read textures at one point; the filter opens up over as much again.
+_FINE = np.float32(0.2)
+# Cosine² between normal and ray that the filter keeps to: beyond, a pixel shows more of what lies behind.
+_LIMB = np.float32(0.19)
+
+# Fields of `Hits.words`, RAYS words each.
+(_NX, _NY, _NZ, _DX, _DY, _DZ, _X, _Y, _Z, _T, _RADIUS, _LIGHT, _WEIGHT, _APART) = (RAYS * k for k in range(14))  # fmt: skip
+
+
+class Skin(NamedTuple):
+    """What particles look like; see :class:`luxel.textures.textures.TextureTable`."""
+
+    slot: np.ndarray
+    texels: np.ndarray
+    decoding: np.ndarray
+    coarse: np.ndarray
+    colors: np.ndarray  # (N, 3) float32 linear
+    mapping: int
+
+
+class Hits(NamedTuple):
+    """What the rays of one tile have hit."""
+
+    words: np.ndarray
+    corners: np.ndarray  # (4 · 64,) int32 texels around each point
+    who: np.ndarray  # (64,) int32 particle, -1 for none
+    slot: np.ndarray  # (64,) int32 its texture, -1 for none
+
+
+class Bench(NamedTuple):
+    """Working memory of one thread."""
+
+    tile: Tile
+    rays: Scratch
+    spare: np.ndarray
+    now: Hits
+    before: Hits
+
+
+def make_bench(stack_size: int) -> Bench:
+    """Allocate the working memory of one thread; not a kernel."""
+    hits = [
+        Hits(np.zeros(16 * RAYS, np.float32), *(np.zeros(n * RAYS, np.int32) for n in (4, 1, 1)))
+        for _ in range(2)
+    ]
+    return Bench(make_tile(stack_size), scratch(stack_size), np.zeros(8 * LANES, np.float32), *hits)
+
+
+@kernel(inline=True, borrows=True)
+def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
+    """Note which particles the rays of a tile hit, and where; ask for their textures."""
+    spheres, ids, found = tree.spheres, tree.ids, tile.found
+    words, who, slot = hits.words, hits.who, hits.slot
+    for j in range(RAYS):
+        place = found[j]
+        column, row = place_of(j)
+        if place < 0 or tx + column >= width or ty + row >= height:
+            who[j], slot[j] = -1, -1
+            words[_X + j], words[_Y + j], words[_Z + j] = _ZERO, _ZERO, _ZERO
+            words[_RADIUS + j], words[_T + j] = _ONE, _ONE
+            continue
+        i = ids[place]
+        who[j], slot[j] = i, -1
+        words[_X + j], words[_Y + j] = spheres[place - 4 * LANES], spheres[place - 3 * LANES]
+        words[_Z + j], words[_RADIUS + j] = spheres[place - 2 * LANES], spheres[place - LANES]
+        words[_T + j] = tile.best[j]
+        prefetch(skin.colors, i * 12)
+        if textured:
+            prefetch(skin.slot, i * 4)
+        if seen.shape[0] > 0:
+            seen[i] = 1
+    side = side_of(skin.texels)
+    for v in range(0, RAYS, LANES):
+        t = load(words, _T + v)
+        dx, dy, dz = (
+            load(tile.rays, 3 * RAYS + v),
+            load(tile.rays, 4 * RAYS + v),
+            load(tile.rays, 5 * RAYS + v),
+        )
+        nx = fma(t, dx, load(tile.rays, v) - load(words, _X + v))
+        ny = fma(t, dy, load(tile.rays, RAYS + v) - load(words, _Y + v))
+        nz = fma(t, dz, load(tile.rays, 2 * RAYS + v) - load(words, _Z + v))
+        scale = splat(_ONE) / vsqrt(vmax(fma(nx, nx, fma(ny, ny, nz * nz)), splat(np.float32(1e-30))))
+        nx, ny, nz = nx * scale, ny * scale, nz * scale
+        store(words, _NX + v, nx)
+        store(words, _NY + v, ny)
+        store(words, _NZ + v, nz)
+        store(words, _DX + v, dx)
+        store(words, _DY + v, dy)
+        store(words, _DZ + v, dz)
+        store(words, _RADIUS + v, vsqrt(load(words, _RADIUS + v)))
+    if textured:
+        for v in range(0, RAYS, LANES):
+            some = False
+            for j in range(v, v + LANES):
+                if who[j] >= 0:
+                    slot[j] = skin.slot[who[j]]
+                    some |= slot[j] >= 0
+            if some:
+                nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
+                texel_corners(skin.mapping, side, nx, ny, nz, words[_APART:], hits.corners, v)
+                for j in range(v, v + LANES):
+                    if slot[j] >= 0:
+                        prefetch_texels(skin.texels, slot[j], hits.corners[j])
+                        prefetch_texels(skin.texels, slot[j], hits.corners[2 * CORNER_STRIDE + j])
+
+
+@kernel(inline=True, borrows=True)
+def _reaches(eye, step, t, dx, dy, dz, radius):
+    """How far beside their hits sixteen rays read, in radii: a quarter of the distance between rays, 0 where they lie close."""
+    right = np.sqrt(eye.right[0] * eye.right[0] + eye.right[1] * eye.right[1] + eye.right[2] * eye.right[2])
+    gap = step * right / radius
+    if not eye.orthographic:
+        gap = gap * t * fma(dx, splat(eye.forward[0]), fma(dy, splat(eye.forward[1]), dz * eye.forward[2]))
+    return _QUARTER * gap * vmin(splat(_ONE), vmax(splat(_ZERO), gap / _FINE - _ONE))
+
+
+@kernel(inline=True, borrows=True)
+def _light_textures(eye, skin, hits, v, step):
+    """Write the light of those of sixteen rays whose particle has a texture (paper 3.4).
+
+    Where rays lie far apart (`step`), it is the mean over what a ray stands for: four points around its hit, in the
+    plane of the picture, so that their normals spread towards the limb. Without it, particles a few pixels wide
+    sparkle: neighbouring rays fall on unrelated texels.
+    """
+    words, corners, decoding = hits.words, hits.corners, skin.decoding
+    zero, one = splat(_ZERO), splat(_ONE)
+    dx, dy, dz = load(words, _DX + v), load(words, _DY + v), load(words, _DZ + v)
+    nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
+    reach = zero
+    if step > 0:
+        reach = _reaches(eye, step, load(words, _T + v), dx, dy, dz, load(words, _RADIUS + v))
+    # Axes across the ray, and the part of the normal across it: where on its disc the sphere is hit.
+    along = fma(nx, dx, fma(ny, dy, nz * dz))
+    qx, qy, qz = nx - along * dx, ny - along * dy, nz - along * dz
+    ax, ay, az = splat(eye.right[0]), splat(eye.right[1]), splat(eye.right[2])
+    scale = splat(_ONE) / vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
+    ax, ay, az = ax * scale, ay * scale, az * scale
+    along = fma(ax, dx, fma(ay, dy, az * dz))
+    ax, ay, az = ax - along * dx, ay - along * dy, az - along * dz
+    bx, by, bz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
+    count = zero
+    store(words, _LIGHT + v, zero)
+    for k in range(0 if any_lane(reach > zero) else 4, 5):
+        if k < 4:
+            a = reach if k & 1 else -reach
+            b = reach if k & 2 else -reach
+            px, py, pz = qx + a * ax + b * bx, qy + a * ay + b * by, qz + a * az + b * bz
+            rest = one - fma(px, px, fma(py, py, pz * pz))
+            c = vsqrt(vmax(rest, zero))
+            weight = select(rest > _LIMB, one, zero)
+            texel_corners(skin.mapping, side_of(skin.texels), px - c * dx, py - c * dy, pz - c * dz, words[_APART:], corners, v)  # fmt: skip
+        else:
+            weight = select(count > zero, zero, one)  # what has no such point is read where it is hit
+            if any_lane(count > zero):
+                texel_corners(skin.mapping, side_of(skin.texels), nx, ny, nz, words[_APART:], corners, v)
+        count = count + weight
+        store(words, _WEIGHT + v, weight)
+        for j in range(v, v + LANES):
+            s = hits.slot[j]
+            if s >= 0 and words[_WEIGHT + j] > 0:
+                p, q, r, t = four_codes(
+                    skin.texels, s, corners[j], corners[j + CORNER_STRIDE], corners[j + 2 * CORNER_STRIDE], corners[j + 3 * CORNER_STRIDE]
+                )  # fmt: skip
+                a, b = words[_APART + j], words[_APART + CORNER_STRIDE + j]
+                top = (_ONE - a) * decoding[p] + a * decoding[q]
+                low = (_ONE - a) * decoding[r] + a * decoding[t]
+                words[_LIGHT + j] += (_ONE - b) * top + b * low
+    store(words, _LIGHT + v, load(words, _LIGHT + v) / vmax(count, one))
+
+
+@kernel(inline=True, borrows=True)
+def _light_bare(tree, lights, work, spare, skin, hits, v, shadows):
+    """Write the light of those of sixteen rays whose particle has no texture: its coarse record, or else Lambert."""
+    words, who, slot, coarse = hits.words, hits.who, hits.slot, skin.coarse
+    bare = False
+    for j in range(v, v + LANES):
+        i = who[j]
+        if i >= 0 and slot[j] < 0:
+            if slot[j] == FIRST_LIGHT and i < coarse.shape[0]:
+                words[_LIGHT + j] = max(
+                    _ZERO,
+                    coarse[i, 0]
+                    + coarse[i, 1] * words[_NX + j]
+                    + coarse[i, 2] * words[_NY + j]
+                    + coarse[i, 3] * words[_NZ + j],
+                )
+                slot[j] = 0  # has its light
+            else:
+                bare = True
+        else:
+            slot[j] = 0
+    if not bare:
+        return
+    # Rays that have their light ask for no shadows.
+    for j in range(v, v + LANES):
+        slot[j] = who[j] if slot[j] < 0 else -1
+    nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
+    radius = load(words, _RADIUS + v)
+    light = lambert_lanes(
+        lights, shadows, tree, work, spare,
+        fma(radius, nx, load(words, _X + v)), fma(radius, ny, load(words, _Y + v)), fma(radius, nz, load(words, _Z + v)),
+        nx, ny, nz, slot, v,
+    )  # fmt: skip
+    store(words, _WEIGHT + v, light)
+    for j in range(v, v + LANES):
+        if slot[j] >= 0:
+            words[_LIGHT + j] = words[_WEIGHT + j]
+
+
+@kernel(inline=True, borrows=True)
+def _shade(tree, lights, eye, work, spare, skin, hits, step, textured, shadows, first, total, tx, ty):
+    """Light what the rays of a tile have hit, and add it to `total`."""
+    words, who, colors = hits.words, hits.who, skin.colors
+    height, width = total.shape[0], total.shape[1]
+    for v in range(0, RAYS, LANES):
+        if textured:
+            _light_textures(eye, skin, hits, v, step)
+        _light_bare(tree, lights, work, spare, skin, hits, v, shadows)
+    for j in range(RAYS):
+        column, row = place_of(j)
+        x, y, i = tx + column, ty + row, who[j]
+        if i >= 0:
+            light = words[_LIGHT + j]
+            pixel = total[y, x]
+            if first:
+                pixel[0], pixel[1], pixel[2] = (
+                    light * colors[i, 0],
+                    light * colors[i, 1],
+                    light * colors[i, 2],
+                )
+                pixel[3], pixel[4] = light, _ONE
+            else:
+                pixel[0] += light * colors[i, 0]
+                pixel[1] += light * colors[i, 1]
+                pixel[2] += light * colors[i, 2]
+                pixel[3] += light
+                pixel[4] += _ONE
+        elif first and x < width and y < height:
+            total[y, x, :] = _ZERO
+
+
+@kernel(borrows=True)
+def _clear(total, tx, ty):
+    width = total.shape[1]
+    flat = total.reshape(-1)
+    for y in range(ty, min(ty + TILE, total.shape[0])):
+        for k in range(5 * (y * width + tx), 5 * (y * width + min(tx + TILE, width))):
+            flat[k] = _ZERO
+
+
+@kernel(borrows=True)
+def draw_frame(
+    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, rays, tone, picture, bench, counter
+):  # fmt: skip
+    """Send one ray through (x + shift_x, y + shift_y) of every pixel and add what it brings to `total`.
+
+    Several threads may call with the same arguments at once, each with a bench of its own and on rows that it draws
+    from `counter`.
+
+    Parameters
+    ----------
+    spacing
+        Distance between the rays of the picture, in pixels: textures are filtered over it; 0 for no filter.
+    textured
+        Look textures and coarse records up; what has neither is Lambert. False: all is Lambert.
+    shadows
+        Whether Lambert comes with shadow rays, one to the middle of each light.
+    first
+        Overwrite `total` instead of adding to it.
+    seen
+        (N,) uint8: 1 is written for every particle that is hit; or (0,), then nothing is.
+    total
+        (H, W, 5) float32 sums: light times colour, light, coverage.
+    rays
+        Rays a pixel in `total` after this one.
+    picture
+        (H, W, 3) uint8, developed by `tone`; or (0, 0, 3), then nothing is.
+    counter
+        (1,) int64, the first row; 0 before the first call.
+    """
+    height, width = total.shape[0], total.shape[1]
+    step = _TWO * spacing / np.float32(width)
+    now, before = bench.now, bench.before
+    while True:
+        ty = take(counter, TILE)
+        if ty >= height:
+            return
+        waiting = -1  # column of the tile whose textures are under way
+        for tx in range(0, width + TILE, TILE):
+            near = tx < width and trace_tile(tree, eye, bench.tile, width, height, tx, ty, shift_x, shift_y)
+            if near:
+                _collect(tree, bench.tile, now, skin, textured, seen, width, height, tx, ty)
+            elif tx < width:
+                if first:
+                    _clear(total, tx, ty)
+                continue
+            if waiting >= 0:
+                _shade(
+                    tree, lights, eye, bench.rays, bench.spare, skin, before, step, textured, shadows, first, total, waiting, ty
+                )  # fmt: skip
+            now, before = before, now
+            waiting = tx
+        if picture.shape[0] > 0:
+            develop_rows(total, rays, tone, ty, min(ty + TILE, height), picture)
+
+
+@kernel(inline=True)
+def _mixed(particle, slot):
+    """Hash of one particle's slot; sums of them tell whether any of many slots has changed."""
+    h = (np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)
+    h = (h ^ (h >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+    return (h ^ (h >> np.uint64(32))) * np.uint64(0x94D049BB133111EB)
+
+
+@kernel
+def gather_seen(seen, slot, found):
+    """List the particles marked in `seen`, ascending, into `found` (N,) int32.
+
+    Returns how many, how many of them have a texture, how many only first light, and the digest of their slots. `seen` is
+    (N',) uint8 with N' a multiple of 8 and at least N.
+    """
+    words = seen.view(np.uint64)
+    count = textured = dim = 0
+    digest = np.uint64(0)
+    for w in range(words.shape[0]):
+        if words[w] == 0:
+            continue
+        for i in range(8 * w, 8 * w + 8):
+            if seen[i]:
+                s = slot[i]
+                found[count] = i
+                count += 1
+                textured += s >= 0
+                dim += s == FIRST_LIGHT
+                digest += _mixed(i, s)
+    return count, textured, dim, digest
+
+
+@kernel
+def slots_digest(ids, slot):
+    """Sum of hashes of the slots of particles: what `gather_seen` returns last."""
+    digest = np.uint64(0)
+    for k in range(ids.shape[0]):
+        digest += _mixed(ids[k], slot[ids[k]])
+    return digest

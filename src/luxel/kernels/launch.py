@@ -1,0 +1,65 @@
+"""Rays of a table from one particle: the light that each brings itself, and the paths that they become."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.near import RAY, patch_neighbours
+from luxel.kernels.path import INTERREFLECTION
+from luxel.kernels.rays import add_area_lights, first_hits, hit_point, ray_start, ray_word, set_of, sky_along
+from luxel.kernels.rng import PURPOSE_TEXEL, path_key
+from luxel.kernels.simd import LANES
+from luxel.kernels.tree_trace import MISS
+from luxel.kernels.waves import add_path
+
+__all__ = ["launch"]
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+
+
+@kernel(borrows=True)
+def _trace_patch(world, work, near, known, site, table, chosen_set, patch, values, waves, paths):
+    """Estimate what the rays of one patch bring without bounces and suns; returns how many paths there are by now."""
+    block = patch * table.width
+    first, at = block * RAY, block * LANES
+    count = min(table.width * LANES, table.texel.shape[0] - at)
+    rays = table.rays[chosen_set]
+    p = table.patches[patch]
+    found = patch_neighbours(near, known, p[0], p[1], p[2], p[3])
+    first_hits(world, work, near, found, site, rays, first, count)
+    bouncing = world.model == INTERREFLECTION and world.albedo > 0
+    for s in range(count):
+        t, hit = near.hit_t[s], near.hit[s]
+        o = first + ray_word(s)
+        value = _ZERO
+        if hit == MISS or (hit >= 0 and t * site.r >= world.reach):
+            value = sky_along(world, site, rays, o)
+        elif hit >= 0 and t <= 0:
+            value = -_ONE
+        elif hit >= 0 and bouncing and table.texel[at + s] >= 0:
+            _, _, _, px, py, pz = ray_start(site, rays, o)
+            t *= site.r
+            px, py, pz, offset = hit_point(
+                world.cell, near, s, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
+                pz + t * rays[o + 5 * LANES],
+            )  # fmt: skip
+            state = path_key(world.seed, site.sphere, at + s, 2, PURPOSE_TEXEL)
+            add_path(world.cell, waves, paths, at + s, hit, px, py, pz, offset, state)
+            paths += 1
+        values[at + s] = value
+    add_area_lights(world, work, site, table, chosen_set, block, count, values)
+    return paths
+
+
+@kernel(borrows=True)
+def launch(world, work, near, known, site, table, values, waves):
+    """Follow the rays of one particle to what they meet; returns the number of paths that go on from there.
+
+    Writes to `values` what each ray brings without bounces and suns, -1 if it starts inside a neighbour.
+    """
+    chosen_set = set_of(world, site.sphere, table.rays.shape[0])
+    paths = 0
+    for patch in range(table.patches.shape[0]):
+        paths = _trace_patch(world, work, near, known, site, table, chosen_set, patch, values, waves, paths)
+    return paths

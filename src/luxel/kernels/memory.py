@@ -1,0 +1,48 @@
+"""What Numba lacks about memory: flat indices, asking for it ahead of time, a counter that several threads may share."""
+
+from __future__ import annotations
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+__all__ = ["item", "prefetch", "take"]
+
+_BYTE, _I32 = ir.IntType(8), ir.IntType(32)
+
+
+@intrinsic
+def item(typingctx, array, k):
+    """Element k of a contiguous array, counted through all its axes."""
+
+    def emit(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return context.unpack_value(builder, sig.return_type, builder.gep(data, [args[1]]))
+
+    return array.dtype(array, types.intp), emit
+
+
+@intrinsic
+def prefetch(typingctx, array, byte):
+    """Ask for the cache line `byte` bytes behind the start of an array; harmless outside of it."""
+
+    def emit(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        pointer = builder.gep(builder.bitcast(data, _BYTE.as_pointer()), [args[1]])
+        kind = ir.FunctionType(ir.VoidType(), [pointer.type, _I32, _I32, _I32])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(function, [pointer, _I32(0), _I32(3), _I32(1)])  # to read, to keep, data
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp), emit
+
+
+@intrinsic
+def take(typingctx, counter, step):
+    """Add `step` to the first element of an int64 array in one indivisible step; return what it was before."""
+
+    def emit(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return builder.atomic_rmw("add", data, args[1], "monotonic")
+
+    return types.int64(counter, types.int64), emit

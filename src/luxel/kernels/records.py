@@ -1,0 +1,128 @@
+"""Coarse records of the light on particles: a few numbers each, fitted to a few paths, made when first asked for."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from luxel.kernels.jit import kernel
+from luxel.kernels.launch import launch
+from luxel.kernels.near import Near, near_scratch
+from luxel.kernels.rays import RayTable, Site, neighbours
+from luxel.kernels.simd import LANES
+from luxel.kernels.sunlight import SunScratch, SunTable, sun_scratch, sunlight
+from luxel.kernels.tree_trace import scratch
+from luxel.kernels.waves import Waves, follow_paths, wave_scratch
+
+__all__ = ["RECORD", "Book", "make_records"]
+
+#: Numbers of a record: light linear in the normal.
+RECORD = 4
+_DOUBT = 0.3  # in rays, about the slopes
+_ZERO = np.float32(0)
+
+
+class Book(NamedTuple):
+    """Records of all particles of a world, and what they are made with. Threads may fill it together.
+
+    A record depends on its particle alone. A number that is not known yet is NaN, and each is written at once; so
+    whoever reads a record that another thread is writing finds it whole or makes it again, the same.
+    """
+
+    records: np.ndarray  # (N, RECORD) float32
+    table: RayTable
+    suns: SunTable
+    basis: np.ndarray  # (cells, 4) float64: 1 and the middle of each cell
+
+
+class BookScratch(NamedTuple):
+    """Working memory of one thread."""
+
+    near: Near
+    waves: Waves
+    suns: SunScratch
+    values: np.ndarray  # (rays,) float32
+    sun: np.ndarray  # (cells,) float32
+    sun2: np.ndarray
+    sun_seen: np.ndarray  # (cells,) uint32
+    system: np.ndarray  # (4, 5) float64
+
+
+@kernel
+def book_scratch(book):
+    """Allocate for the rays of a book."""
+    rays, cells = book.table.texel.shape[0], book.basis.shape[0]
+    return BookScratch(
+        near_scratch(book.table.width * LANES), wave_scratch(rays), sun_scratch(book.suns),
+        np.zeros(rays, np.float32), np.zeros(cells, np.float32),
+        np.zeros(cells, np.float32), np.zeros(cells, np.uint32), np.zeros((RECORD, RECORD + 1)),
+    )  # fmt: skip
+
+
+@kernel(borrows=True)
+def _solve(m):
+    """Solve the symmetric positive system of `RECORD` rows in place; the right side is the last column."""
+    for k in range(RECORD):
+        for i in range(RECORD):
+            if i != k:
+                factor = m[i, k] / m[k, k]
+                for j in range(k, RECORD + 1):
+                    m[i, j] -= factor * m[k, j]
+    for k in range(RECORD):
+        m[k, RECORD] /= m[k, k]
+
+
+@kernel(borrows=True)
+def _make_record(world, work, book, pad, particle):
+    """Fit c0 + c·n to a ray from every cell that is not buried, by damped least squares."""
+    values, m = pad.values, pad.system
+    known, reach = neighbours(world, work, pad.near, particle)
+    x, y, z = world.centers[particle, 0], world.centers[particle, 1], world.centers[particle, 2]
+    site = Site(particle, x, y, z, world.radii[particle], reach)
+    paths = launch(world, work, pad.near, known, site, book.table, values, pad.waves)
+    follow_paths(world, work, pad.near, known, site, pad.waves, paths, values)
+    for c in range(pad.sun.shape[0]):
+        pad.sun[c] = pad.sun2[c] = _ZERO
+        pad.sun_seen[c] = 0
+    if book.suns.rays.shape[0] > 0:
+        sunlight(world, work, pad.near, known, site, book.suns, pad.suns, pad.sun, pad.sun2, pad.sun_seen)
+    for i in range(RECORD):
+        for j in range(RECORD + 1):
+            m[i, j] = 0.0
+        m[i, i] = _DOUBT if i > 0 else 0.0
+    seen = 0
+    for s in range(values.shape[0]):
+        cell = book.table.texel[s]
+        if cell < 0 or values[s] < 0:
+            continue
+        seen += 1
+        light = np.float64(values[s] + pad.sun[cell])
+        for i in range(RECORD):
+            b = book.basis[cell, i]
+            for j in range(RECORD):
+                m[i, j] += b * book.basis[cell, j]
+            m[i, RECORD] += b * light
+    if seen > 0:
+        _solve(m)
+        m[0, RECORD] = max(m[0, RECORD], 0.0)
+    for i in range(RECORD):
+        book.records[particle, i] = m[i, RECORD]
+
+
+@kernel(inline=True, borrows=True)
+def _known(records, particle):
+    known = True
+    for c in range(RECORD):
+        known &= not np.isnan(records[particle, c])
+    return known
+
+
+@kernel
+def make_records(world, book, ids):
+    """Make the records of particles that have none."""
+    work = scratch(world.tree.stack_size)
+    pad = book_scratch(book)
+    for k in range(ids.shape[0]):
+        if not _known(book.records, ids[k]):
+            _make_record(world, work, book, pad, ids[k])

@@ -1,0 +1,257 @@
+"""One ray a pixel at a time, on several threads: what `render` and `Frames` draw with."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from luxel.errors import InputError
+from luxel.kernels import frame, tiles
+from luxel.kernels.light import Lights
+from luxel.kernels.path import World
+from luxel.kernels.tone import SRGB_CELLS, Tone
+from luxel.kernels.tree_trace import Tree
+from luxel.light.lights import scene_white
+from luxel.light.mapping import mapping_code
+from luxel.scene.camera import Camera
+from luxel.scene.colormap import linear_to_srgb, rgb, srgb_to_linear
+from luxel.scene.scene import Scene
+from luxel.scene.view import View
+from luxel.textures.textures import TextureTable, decoding_table
+from luxel.trace.spheres import SphereSet
+from luxel.trace.tree import SphereTree, run_parts, thread_count
+
+__all__ = [
+    "NOT_SEEN",
+    "NO_PICTURE",
+    "Crew",
+    "bare_table",
+    "checked_size",
+    "draw_rays",
+    "make_eye",
+    "make_skin",
+    "make_tone",
+    "ray_shifts",
+    "seen_tree",
+    "trace_primary",
+]
+
+NOT_SEEN: NDArray[np.uint8] = np.empty(0, np.uint8)
+NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
+
+_BAND = 4 * tiles.TILE  # rows a task
+_MOST_PIXELS = 2**28
+
+
+class Crew:
+    """Threads that do one thing together, again and again; the caller is one of them.
+
+    Safe to use from several threads, which then share the helpers.
+
+    Parameters
+    ----------
+    threads
+        The caller's included; None means all that the process may use.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        self.threads = thread_count(threads)
+        self._pool: ThreadPoolExecutor | None = None
+        self._lock = threading.Lock()
+
+    def run(self, work: Callable[[], object]) -> None:
+        """Call `work` on every thread at once and wait for all; re-raises an error."""
+        if self.threads == 1:
+            work()
+            return
+        with self._lock:
+            if self._pool is None:
+                self._pool = ThreadPoolExecutor(self.threads - 1, "luxel-draw")
+            others = [self._pool.submit(work) for _ in range(self.threads - 1)]
+        try:
+            work()
+        finally:
+            for other in others:
+                other.cancel()
+        for other in others:
+            if not other.cancelled():
+                other.result()
+
+    def close(self) -> None:
+        """End the threads; a later :meth:`run` starts new ones."""
+        with self._lock:
+            pool, self._pool = self._pool, None
+        if pool is not None:
+            pool.shutdown(wait=True)
+
+
+def draw_rays(
+    tree: Tree,
+    lights: Lights,
+    eye: tiles.Eye,
+    shift: tuple[float, float],
+    skin: frame.Skin,
+    total: NDArray[np.float32],
+    crew: Crew,
+    *,
+    spacing: float = 0.0,
+    textured: bool = True,
+    shadows: bool = False,
+    first: bool = False,
+    seen: NDArray[np.uint8] = NOT_SEEN,
+    rays: int = 1,
+    tone: Tone | None = None,
+    picture: NDArray[np.uint8] = NO_PICTURE,
+) -> None:
+    """Send one ray through every pixel; see :func:`luxel.kernels.frame.draw_frame`."""
+    counter = np.zeros(1, np.int64)
+    if tone is None:
+        tone = _untoned()
+    x, y = np.float32(shift[0]), np.float32(shift[1])
+
+    def work() -> None:
+        frame.draw_frame(
+            tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, rays, tone, picture,
+            frame.make_bench(tree.stack_size), counter
+        )  # fmt: skip
+
+    crew.run(work)
+
+
+def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:
+    """Return the camera as kernels take it; `aspect` is width over height."""
+    right, up, forward = camera.basis()
+    half = math.tan(math.radians(camera.fov) / 2)
+    if camera.height is not None:
+        half = 0.5 * spheres.length_to_unit(camera.height)
+    return tiles.Eye(
+        spheres.to_unit(camera.eye).astype(np.float32),
+        (right * half * aspect).astype(np.float32),
+        (up * half).astype(np.float32),
+        forward.astype(np.float32),
+        camera.orthographic,
+    )
+
+
+def make_skin(table: TextureTable, colors: NDArray[np.float32]) -> frame.Skin:
+    """Return what kernels need to know of the particles' looks; `colors` is (N, 3) float32 linear."""
+    return frame.Skin(
+        table.slot, table.codes, table.decoding, table.coarse, colors, mapping_code(table.mapping)
+    )
+
+
+def make_tone(scene: Scene, view: View, grading: tuple[float, float] | None = None) -> Tone:
+    """Return how sums become pixels.
+
+    Parameters
+    ----------
+    grading
+        Factors on the background's linear colour at the top and at the bottom of the picture; None means the same everywhere.
+    """
+    cells, steps = _srgb_tables()
+    background = srgb_to_linear(rgb(view.background))
+    top, bottom = (
+        np.minimum(factor * background, 1.0).astype(np.float32) for factor in grading or (1.0, 1.0)
+    )
+    return Tone(np.float32(view.exposure), np.float32(scene_white(scene)), top, bottom, cells, steps)
+
+
+def bare_table(count: int) -> TextureTable:
+    """Return a table without any texture: all of `count` particles are Lambert."""
+    none = np.full(count, -1, np.int32)
+    return TextureTable(none, np.zeros((1, 16, 16), np.uint8), decoding_table(1.0, "linear"))
+
+
+def seen_tree(scene: Scene, view: View) -> SphereTree:
+    """Return the tree that a picture's own rays meet: what scene or view hide is not there."""
+    hidden = view.hidden(scene.particles)
+    if hidden is None:
+        hidden = scene.hidden
+    elif scene.hidden is not None:
+        hidden = hidden | scene.hidden
+    return SphereTree.of(SphereSet.of(scene.particles), hidden)
+
+
+def ray_shifts(antialias: int) -> list[tuple[float, float]]:
+    """Where in its pixel each of antialias² rays goes through.
+
+    The first half, rounded up, is every other place of the grid, as on a chessboard: balanced about the pixel's centre, and a
+    good picture by itself.
+    """
+    places = [(k % antialias, k // antialias) for k in range(antialias * antialias)]
+    places.sort(key=lambda place: (place[0] + place[1]) % 2)  # stable
+    return [((x + 0.5) / antialias, (y + 0.5) / antialias) for x, y in places]
+
+
+def trace_primary(
+    world: World, eye: tiles.Eye, width: int, height: int, shift: tuple[float, float], threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return distance (H, W) float32 in normalised units and ids (H, W) int32; infinite and -1 on the background."""
+    distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+
+    def band(row: int) -> None:
+        tiles.primary_tiles(
+            world.tree,
+            eye,
+            width,
+            height,
+            np.float32(shift[0]),
+            np.float32(shift[1]),
+            row,
+            min(row + _BAND, height),
+            distance,
+            ids,
+        )
+
+    run_parts(band, range(0, height, _BAND), threads)
+    return distance, ids
+
+
+@cache
+def _untoned() -> Tone:
+    """Return a tone for frames that are not developed."""
+    black = np.zeros(3, np.float32)
+    return Tone(np.float32(1), np.float32(1), black, black, *_srgb_tables())
+
+
+@cache
+def _srgb_tables() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return, for ``kernels.tone``, the sRGB level at the start of each cell and the least linear value of each level."""
+    levels = np.arange(1, 256)
+    low, high = np.zeros(255, np.int32), np.full(255, np.float32(1).view(np.int32))
+    while (low < high).any():  # by halves, over the bit patterns of floats, which are ordered as they are
+        middle = low + (high - low) // 2
+        reached = srgb_levels(middle.view(np.float32)) >= levels
+        low, high = np.where(reached, low, middle + 1), np.where(reached, middle, high)
+    steps = np.concatenate([[0.0], high.astype(np.int32).view(np.float32), [np.inf]]).astype(np.float32)
+    return srgb_levels(np.arange(SRGB_CELLS + 1, dtype=np.float32) / np.float32(SRGB_CELLS)), steps
+
+
+def srgb_levels(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Nearest of 256 sRGB levels of linear light in [0, 1], float32."""
+    return np.asarray(linear_to_srgb(linear) * 255 + 0.5).astype(np.uint8)
+
+
+def checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return width and height as whole numbers.
+
+    Raises
+    ------
+    InputError
+        If they are none, or out of range.
+    """
+    try:
+        width, height = (int(v) for v in size)
+    except (TypeError, ValueError):
+        raise InputError(f"size must be (width, height), got {size!r}") from None
+    if width < 1 or height < 1 or width * height > _MOST_PIXELS:
+        raise InputError(
+            f"size must be at least 1x1 and at most {_MOST_PIXELS} pixels in all, got {width}x{height}"
+        )
+    return width, height

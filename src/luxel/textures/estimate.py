@@ -1,0 +1,58 @@
+"""Estimates: cheap textures that stand in for those of a bake until these are there, or where nobody would see the difference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from luxel.light.mapping import texel_weights
+from luxel.textures.bake import Baker
+from luxel.textures.textures import encode
+
+__all__ = ["EstimateBaker"]
+
+_TEXELS, _SAMPLES = 8, 1
+
+
+class EstimateBaker:
+    """Makes textures of the shape, scale and encoding of `baker`'s from a quarter of the texels, a sample each, filtered and interpolated.
+
+    Whatever the mode of the baker, these are ``fast``. Safe to share between threads; what a texture becomes depends on its particle alone.
+
+    Parameters
+    ----------
+    baker
+        Whose textures are estimated; its world and coarse records are shared.
+    """
+
+    def __init__(self, baker: Baker) -> None:
+        self._baker = baker
+        texels = baker.spec.texels
+        self._light = baker.coarser_light(min(_TEXELS, texels), _SAMPLES)
+        self._places, self._weights = texel_weights(baker.spec.mapping, min(_TEXELS, texels), texels)
+
+    def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return (K, T, T) luminance and (K,) the standard error expected of an exposed texel, but for what few texels blur."""
+        found, error = self._light.luminance(ids)
+        flat = found.reshape(len(ids), -1)
+        # Texel by texel, so that a texture does not depend on its batch by rounding.
+        total = flat[:, self._places[0]] * self._weights[0]
+        for place, weight in zip(self._places[1:], self._weights[1:], strict=True):
+            total += flat[:, place] * weight
+        texels = self._baker.spec.texels
+        return total.reshape(len(ids), texels, texels), error
+
+    def bake_into(self, ids: NDArray[np.int32], codes: NDArray[np.uint8]) -> int:
+        """Write codes (K, T, T) of particles `ids` (K,); clipped texels are not counted, since better ones follow."""
+        codes[...] = encode(self.luminance(ids)[0], self._baker.scale, self._baker.encoding)
+        return 0
+
+    def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Return the coarse records of the baker."""
+        return self._baker.first_light(ids)
+
+    def preparation(self, threads: int) -> Iterator[None]:
+        """Learn the filter, with one thread in short steps."""
+        yield from self._light.preparation(threads)

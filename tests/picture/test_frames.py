@@ -1,0 +1,287 @@
+"""Frames: the same pictures as `render`, never waiting for light, within their budget."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import luxel
+from luxel.errors import InputError
+from luxel.picture.drawing import seen_tree
+from luxel.picture.frames import Frames
+from luxel.picture.raytrace import visible_ids
+from luxel.scene.lights import Sky, Sun
+from luxel.session import Session
+from luxel.textures.bake import Baker
+from luxel.textures.spec import TextureSpec
+from luxel.trace.spheres import SphereSet
+from tests.dynamic.fakes import TEXELS, Clock, FakeBaker
+from tests.scenes import cloud
+
+SIZE = (60, 44)
+SPEC = TextureSpec(mode="paper", samples=1, texels=8)
+GUARD_S = 60.0
+
+
+def fake_session(particles=None, clock=None, texture_s=0.0, threads=0, **options):
+    particles = cloud(80) if particles is None else particles
+    clock = clock or Clock()
+    spec = TextureSpec(texels=TEXELS, mode="fast", samples=1)
+    return Session(
+        particles,
+        spec=spec,
+        threads=threads,
+        clock=clock,
+        make_baker=lambda scene, spec: FakeBaker("fake", clock, texture_s),
+        **options,
+    )
+
+
+@pytest.mark.parametrize("antialias", [1, 2, 3])
+def test_dynamic_precomputed_and_rendered_pictures_are_the_same_bytes(antialias):
+    scene = luxel.Scene(cloud(80))
+    view = luxel.View(color_by="value", colormap="plasma")
+    textures = luxel.bake(scene, samples=1, mode="paper", texels=8)
+    expected = luxel.render(scene, view, textures, SIZE, antialias=antialias, colorbar=False)
+    with (
+        Session(scene, spec=SPEC, threads=0) as session,
+        Frames(session, view, SIZE, antialias=antialias, threads=2, bake_budget_s=0.05) as dynamic,
+        Frames(scene, view, SIZE, textures=textures, antialias=antialias, threads=1) as still,
+    ):
+        *_, last = dynamic
+        *_, precomputed = still
+    assert last.final
+    assert last.rays == antialias**2
+    assert last.ready == last.visible > 10
+    assert np.array_equal(last.pixels, precomputed.pixels)
+    assert np.array_equal(last.pixels, expected.pixels)
+
+
+class BlockedBaker(Baker):
+    """Waits for ever, unless it is let go."""
+
+    entered, go = threading.Event(), threading.Event()
+
+    def bake_into(self, ids, codes):
+        self.entered.set()
+        assert self.go.wait(GUARD_S)
+        return super().bake_into(ids, codes)
+
+
+def test_a_frame_does_not_wait_for_light():
+    particles = cloud(80)
+    with (
+        Session(particles, spec=SPEC, threads=1, make_baker=BlockedBaker) as session,
+        Frames(session, size=SIZE, threads=2, antialias=2) as frames,
+    ):
+        try:
+            first = frames.draw()
+            assert BlockedBaker.entered.wait(GUARD_S)  # from now on a texture is being baked, and stays so
+            still = [frames.draw() for _ in range(10)]
+            assert first.visible > 10
+            assert still[-1].ready == 0
+            assert still[-1].rays == 4  # a whole antialiased picture, meanwhile
+            assert not still[-1].final
+            camera = luxel.Camera.framing(particles.bounds, azimuth=40, aspect=SIZE[0] / SIZE[1])
+            assert frames.draw(luxel.View(camera=camera)).rays == 1
+        finally:
+            BlockedBaker.go.set()
+        *_, last = frames
+        assert last.ready == last.visible
+
+
+@pytest.mark.parametrize("budget_s", [0.01, 0.033, 0.2])
+def test_a_frame_takes_its_budget_and_at_most_one_piece_of_work_more(budget_s):
+    clock, texture_s = Clock(), 0.002
+    with (
+        fake_session(clock=clock, texture_s=texture_s) as session,
+        Frames(session, size=SIZE, threads=1, bake_budget_s=budget_s, clock=clock) as frames,
+    ):
+        sizes = []
+        for _ in range(200):
+            before_s = clock.now_s
+            frame = frames.draw()
+            took_s = clock.now_s - before_s
+            status = session.status()
+            if status.queued:  # latency is bounded from below, the frame rate from above (paper 4.2)
+                assert took_s > budget_s - 1.01 * texture_s  # no piece is begun that would not fit
+            assert took_s <= budget_s + 0.06  # a batch is what takes one thread about 30 ms
+            sizes.append(took_s)
+            if frame.final:
+                break
+        assert frame.final
+        assert frame.ready == frame.visible
+        assert sum(sizes) >= 0.999 * texture_s * frame.visible
+
+
+def test_rays_add_up_while_the_camera_rests_and_start_anew_when_it_moves():
+    scene = luxel.Scene(cloud(80))
+    view = luxel.View()
+    with Frames(scene, view, SIZE, threads=1, antialias=3) as frames:
+        counts = [frames.draw().rays for _ in range(12)]
+        assert counts == [1, 1, 1, 1, 1, 5, 6, 7, 8, 9, 9, 9]
+        rested = frames.draw()
+        assert rested.final
+        assert frames.draw() is rested
+        moved = frames.draw(luxel.View(camera=luxel.Camera((3, 3, 3), (0.5, 0.5, 0.5))))
+        assert moved.rays == 1
+        assert not moved.final
+        assert not np.array_equal(moved.pixels, rested.pixels)
+
+
+def test_a_picture_that_somebody_holds_is_not_written_again():
+    scene = luxel.Scene(cloud(80))
+    with Frames(scene, size=SIZE, threads=1, antialias=1) as frames:
+        held = []
+        for azimuth in range(0, 80, 10):
+            camera = luxel.Camera.framing(scene.particles.bounds, azimuth=azimuth, aspect=1.4)
+            pixels = frames.draw(luxel.View(camera=camera)).pixels
+            held.append((pixels[4:, ::2], pixels.copy()[4:, ::2]))  # views count too
+        for kept, copy in held:
+            assert np.array_equal(kept, copy)
+        del held, kept, copy, pixels
+        for azimuth in range(0, 80, 10):
+            camera = luxel.Camera.framing(scene.particles.bounds, azimuth=azimuth, aspect=1.4)
+            frames.draw(luxel.View(camera=camera))
+        assert len(frames._pictures) <= 9  # and memory that nobody holds is used again
+
+
+def test_exposure_and_background_cost_no_ray():
+    scene = luxel.Scene(cloud(80), model="lambertian")
+    with Frames(scene, size=SIZE, threads=1, antialias=2) as frames:
+        *_, last = frames
+        rays = last.rays
+        changed = frames.draw(luxel.View(exposure=0.4, background="#804020"))
+        assert changed.rays == rays
+        expected = luxel.render(scene, luxel.View(exposure=0.4, background="#804020"), size=SIZE, antialias=2)
+        assert np.array_equal(changed.pixels, expected.pixels)
+
+
+def test_colours_and_size_change_at_once():
+    scene = luxel.Scene(cloud(80), model="lambertian")
+    look = luxel.View(color_by="value", colormap="magma")
+    with Frames(scene, size=SIZE, threads=1, antialias=2) as frames:
+        list(frames)
+        frames.view = look
+        *_, last = frames
+        assert np.array_equal(
+            last.pixels, luxel.render(scene, look, size=SIZE, antialias=2, colorbar=False).pixels
+        )
+        frames.size = (30, 50)
+        assert frames.draw().pixels.shape == (50, 30, 3)
+
+
+def test_new_light_is_drawn_and_old_light_never_shown_as_new():
+    with (
+        fake_session(lights=(Sky(1.0), Sun((1, 1, 1), 2.0))) as session,
+        Frames(session, size=SIZE, threads=1, antialias=2, bake_budget_s=1.0) as frames,
+    ):
+        *_, lit = frames
+        assert lit.ready == lit.visible
+        session.relight(albedo=0.2)
+        unlit = frames.draw()
+        assert unlit.ready == 0
+        *_, again = frames
+        assert again.final
+        assert again.ready == again.visible
+
+
+def test_frames_follow_the_session_to_other_particles():
+    with (
+        fake_session([cloud(80), cloud(30, seed=2)]) as session,
+        Frames(session, size=SIZE, threads=1, antialias=1, bake_budget_s=1.0) as frames,
+    ):
+        list(frames)
+        session.set_frame(1)
+        *_, last = frames
+        assert last.ready == last.visible <= 30
+
+
+class Witness:
+    """A source that only notes what it is told."""
+
+    key = "witness"
+
+    def __init__(self, count):
+        self.count, self.told = count, []
+
+    def snapshot(self, key):
+        from luxel.picture.drawing import bare_table
+
+        return bare_table(self.count)
+
+    def sighted(self, ids, eye):
+        self.told.append((ids.copy(), eye))
+
+
+def test_what_is_sighted_is_what_the_picture_shows():
+    particles = cloud(300)
+    scene = luxel.Scene(particles, model="lambertian")
+    camera = luxel.Camera.framing(particles.bounds, aspect=SIZE[0] / SIZE[1])
+    source = Witness(len(particles))
+    with Frames(scene, luxel.View(camera=camera), SIZE, textures=source, threads=2, antialias=2) as frames:
+        frames.draw()
+        ids, eye = source.told[0]
+        assert ids.dtype == np.int32
+        assert ids.tolist() == visible_ids(scene, camera, SIZE).tolist()
+        assert np.array_equal(eye, camera.eye)
+        list(frames)
+        between = visible_ids(scene, camera, SIZE, antialias=2)
+        assert source.told[-1][0].tolist() == np.union1d(ids, between).tolist()
+        cut = luxel.Cut("x", 0.5)
+        frames.draw(luxel.View(camera=camera, hide=cut))
+        assert not cut.hides(particles)[source.told[-1][0]].any()
+
+
+def test_shadows_are_those_of_single_rays():
+    particles = cloud(60, radius=0.1)
+    scene = luxel.Scene(particles, lights=(Sky(0.5), Sun((0.3, -0.5, 1.0), 2.0, 0.1)))
+    view = luxel.View(camera=luxel.Camera.framing(particles.bounds, aspect=SIZE[0] / SIZE[1]), color="white")
+    pictures = {}
+    for shading in ("lambertian", "shadows"):
+        with Frames(scene, view, SIZE, shading=shading, threads=1, antialias=1) as frames:
+            pictures[shading] = frames.draw().pixels.astype(int).sum(axis=2)
+    plain = luxel.render(scene.with_changes(model="lambertian"), view, size=SIZE, antialias=1)
+    spheres = SphereSet.of(particles)
+    hit = plain.ids >= 0
+    eye = spheres.to_unit(view.camera.eye)
+    right, up, forward = view.camera.basis()
+    x, y = np.meshgrid(
+        (np.arange(SIZE[0]) + 0.5) / SIZE[0] * 2 - 1, 1 - (np.arange(SIZE[1]) + 0.5) / SIZE[1] * 2
+    )
+    half = np.tan(np.radians(view.camera.fov) / 2)
+    ray = forward + (x * half * SIZE[0] / SIZE[1])[..., None] * right + (y * half)[..., None] * up
+    ray /= np.linalg.norm(ray, axis=2, keepdims=True)
+    points = (eye + ray * (plain.depth / spheres.unit)[..., None])[hit].astype(np.float32)
+    sun = np.asarray(scene.sources[1].direction, np.float32)
+    normal = points - spheres.centers[plain.ids[hit]]
+    facing = normal @ sun > 0
+    towards = np.broadcast_to(sun, points.shape)
+    blocked = seen_tree(scene, view).occluded(points, towards, skip=plain.ids[hit]) & facing
+    darker = (pictures["shadows"] < pictures["lambertian"])[hit]
+    assert blocked.sum() > 50
+    grazing = np.abs(normal @ sun) < 0.02 * np.linalg.norm(normal, axis=1)
+    assert (darker == blocked)[~grazing].mean() > 0.995
+    assert np.array_equal(pictures["lambertian"], plain.pixels.astype(int).sum(axis=2))
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"size": (0, 3)}, {"antialias": 0}, {"shading": "phong"}, {"bake_budget_s": -1.0}, {"bake_budget_s": float("nan")}],
+)  # fmt: skip
+def test_bad_options(bad):
+    with pytest.raises(InputError):
+        Frames(luxel.Scene(cloud(5)), **{"size": SIZE, **bad})
+
+
+def test_textures_of_other_particles_are_refused():
+    textures = luxel.bake(luxel.Scene(cloud(5)), samples=1)
+    with (
+        pytest.raises(InputError, match="5 particles"),
+        Frames(luxel.Scene(cloud(6)), textures=textures) as frames,
+    ):
+        frames.draw()
+    with fake_session() as session, pytest.raises(InputError, match="its own"):
+        Frames(session, textures=textures)
