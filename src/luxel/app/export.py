@@ -260,7 +260,7 @@ class _Content:
         if stored is not None:
             kept: Any = slice(None) if self.ids is None else self.ids
             if self.codec is None:
-                return stored.codec, stored.payload[kept], float(stored.distortion["rms_levels"])
+                return stored.codec, stored.payload[kept], float(stored.distortion["rmse"])
             codes = stored.original()[slice(0, stored.count)][kept]
         else:
             ids = np.arange(len(self.scene.particles), dtype=np.int32) if self.ids is None else self.ids

@@ -28,13 +28,14 @@ from luxel.textures.codecs.protocol import (
     shared_array,
     shared_size,
 )
+from luxel.textures.codecs.quantisers import WIDEST
 from luxel.trace.tree import run_parts, thread_count
 
-__all__ = ["ClusteredPCACodec"]
+__all__ = ["CENTER_UNIT", "ClusteredPCACodec"]
 
-_CENTER_UNIT = 2.0**-6  # of stored centres, in codes
+#: Of stored centres, in codes.
+CENTER_UNIT = 2.0**-6
 _TRIES = 4
-WIDEST = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +200,7 @@ class ClusteredPCACodec:
             flat = np.ascontiguousarray(codes[part]).reshape(part.stop - part.start, -1)
             encode_clustered(
                 flat,
-                self.center * np.float32(_CENTER_UNIT),
+                self.center * np.float32(CENTER_UNIT),
                 rows,
                 gain,
                 tables.scale,
@@ -251,7 +252,7 @@ class ClusteredPCACodec:
             )
         digits = 2 ** fraction_bits(self.texels)
         # Half a code is added before rounding down.
-        offset = (self.center.astype(np.float32) * np.float32(_CENTER_UNIT) + np.float32(0.5)) * digits
+        offset = (self.center.astype(np.float32) * np.float32(CENTER_UNIT) + np.float32(0.5)) * digits
         levels = np.zeros((WIDEST + 1, 2**WIDEST), np.float32)
         for bits in range(1, WIDEST + 1):
             levels[bits, : 2**bits] = self.levels[2**bits - 2 : 2 ** (bits + 1) - 2]

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from statistics import NormalDist
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.textures.codecs.clustered import _CENTER_UNIT, WIDEST, ClusteredPCACodec
+from luxel.textures.codecs.clustered import CENTER_UNIT, ClusteredPCACodec
 from luxel.textures.codecs.linear import fraction_bits
 from luxel.textures.codecs.protocol import Codes, Progress, gathered, one_target, parts
+from luxel.textures.codecs.quantisers import gains_by_count, lloyd_max, normal_sample, water_fill
 
-__all__ = ["lloyd_max", "train", "water_fill"]
+__all__ = ["train"]
 
 _CLUSTERS = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 _SAMPLE, _MEMBERS = 32_768, 512  # textures that are learned from, at least: in all, and a cluster
 _JUDGED = 4096
 _ROUNDS = 4
 _AXES = 48  # clusters begin from k-means along so many principal axes
-_ROUGH = 96  # axes of all textures that bases are looked for in while the number of clusters is open
 
 
 def train(
@@ -41,148 +41,280 @@ def train(
         raise InputError(f"clusters must be 1..256, got {clusters}")
     tries = [clusters] if clusters else [k for k in _CLUSTERS if k * 8 <= len(codes)] or [1]
     rng = np.random.default_rng(seed)
-    judged = _drawn(codes, _JUDGED, rng)
-    learner = _Learner(_drawn(codes, max(_SAMPLE, _MEMBERS * tries[-1]), rng), rng)
-    if target == "error":
-        return _to_error(len(codes), float(value), clusters, learner, judged, progress)
-    size = codes.shape[1] ** 2
-    room = len(codes) * size / float(value) if target == "ratio" else None
+    learner = _Learner(codes, tries[-1], rng)
+    plan: _Plan
+    if target == "ratio":
+        plan = _Ratio(len(codes), codes.shape[1] ** 2, float(value))
+    elif target == "error":
+        plan = _Error(len(codes), codes.shape[1] ** 2, float(value))
+    else:
+        plan = _Record(int(value))
     best, least, worse = None, math.inf, 0
-
-    def tried(k: int, record: int, rounds: int, *, rough: bool = False) -> bool:
-        """Fit a codec, keep it if it is the best so far, and return whether it was."""
-        nonlocal best, least
-        most = None if room is None else _vectors_within(room, len(codes), size, k, record)
-        if record <= int(k > 1) or (most is not None and most < 1):
-            return False
-        codec = learner.fit(k, record, rounds, most=most, rough=rough)
-        found = float(codec.quantized(judged)[1].mean())
-        if found >= least:
-            return False
-        best, least = codec, found
-        return True
-
     for step, k in enumerate(tries):
-        record = int(value) if room is None else _record_within(room, len(codes), size, k)
-        worse = 0 if tried(k, record, rounds=1, rough=True) else worse + 1
+        if (codec := learner.fit(k, plan, rounds=1)) is not None:
+            price = plan.price(codec, learner)
+            worse = 0 if price < least else worse + 1
+            if price < least:
+                best, least = codec, price
         if progress is not None:
             progress(step + 1, len(tries) + 1)
-        if best is not None and worse == 2:  # more clusters only cost more from here on
+        if worse == 2:  # more clusters only cost more from here on
             break
+    if best is not None:
+        finished = learner.fit(best.clusters, plan, rounds=_ROUNDS)
+        if finished is not None and plan.price(finished, learner) < least:
+            best = finished
     if best is None:
-        raise InputError(
-            f"{target} {value:g} cannot be reached with {len(codes)} textures; try a lower ratio, or records of at least 2 bytes"
-        )
-    k, record = best.clusters, best.payload_bytes
-    for further in (0,) if room is None else (0, 1, -1):  # longer records leave less room for bases
-        tried(k, record + further, rounds=_ROUNDS)
+        raise InputError(f"{target} {value:g} cannot be reached with {len(codes)} textures; {plan.remedy}")
     if progress is not None:
         progress(len(tries) + 1, len(tries) + 1)
     return best
 
 
-def _to_error(
-    count: int,
-    error: float,
-    clusters: int | None,
-    learner: _Learner,
-    judged: NDArray[np.uint8],
-    progress: Progress | None,
-) -> ClusteredPCACodec:
-    """Bisect the size of a record."""
-    k = clusters or max(k for k in _CLUSTERS if k * 64 <= max(count, 64))
-    low, high, best = 1, judged.shape[1] ** 2, None
-    steps = 0
-    while low < high:
-        middle = (low + high) // 2
-        codec = learner.fit(k, middle + 1, rounds=2)
-        decoded = codec.decode(codec.encode(judged)).astype(np.float64)
-        if ((decoded - judged) ** 2).mean() <= error**2:
-            best, high = codec, middle
-        else:
-            low = middle + 1
-        steps += 1
-        if progress is not None:
-            progress(steps, max(steps, 8))
-    if best is None:
-        raise InputError(f"error {error:g} cannot be reached by clustered PCA; use raw textures")
-    return best
+@dataclass(frozen=True, eq=False)
+class _Spectra:
+    """Clusters and their principal components.
 
+    Parameters
+    ----------
+    members
+        (K,) textures in each.
+    center
+        (K, D) float32 means.
+    values, vectors
+        For each cluster (n,) falling variances and (D, n) axes.
+    """
 
-def _drawn(codes: Codes, count: int, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """At most `count` textures drawn at random, in their own order; read in blocks."""
-    if count >= len(codes):
-        return np.asarray(codes[:])
-    rows = np.sort(rng.choice(len(codes), count, replace=False))
-    drawn = np.empty((count, *codes.shape[1:]), np.uint8)
-    for part in parts(len(codes)):
-        first, last = np.searchsorted(rows, (part.start, part.stop))
-        drawn[first:last] = np.asarray(codes[part])[rows[first:last] - part.start]
-    return drawn
+    members: NDArray[np.int64]
+    center: NDArray[np.float32]
+    values: list[NDArray[np.float32]]
+    vectors: list[NDArray[np.float32]]
 
+    def counts(
+        self, errors: NDArray[np.float64], record: int, most: float = math.inf
+    ) -> tuple[NDArray[np.int64], float]:
+        """Vectors that each cluster gets, `most` in all, and the squared error of a texture that is expected then."""
+        gains = [gains_by_count(values, errors, self.bits(record)) for values in self.values]
+        count = np.array([len(own) for own in gains])
+        if count.sum() > most:
+            # A further vector is worth less than the one before: so the best are simply taken.
+            worth = [
+                share * np.minimum.accumulate(np.diff(own, prepend=0))
+                for share, own in zip(self.members, gains, strict=True)
+            ]
+            owner = np.repeat(np.arange(len(gains)), count)
+            best = np.argsort(-np.concatenate(worth), kind="stable")[: int(most)]
+            count = np.bincount(owner[best], minlength=len(gains))
+        gained = [own[n - 1] if n else 0.0 for own, n in zip(gains, count, strict=True)]
+        spread = [float(values.sum(dtype=np.float64)) for values in self.values]
+        left = np.subtract(spread, gained) @ self.members
+        return count, float(left) / int(self.members.sum())
 
-def _record_within(room: float, count: int, size: int, clusters: int) -> int:
-    """Bytes of a record that leave as much of `room` for bases as about three bits a coefficient need."""
-    room -= _fixed_bytes(size, clusters)
-    lead = int(clusters > 1)
-    a_byte = clusters * 8 / 3 * (size + 5)
-    return int((room + lead * a_byte) // (count + a_byte))
+    def bits(self, record: int) -> int:
+        """Bits for coefficients in a record of so many bytes."""
+        return 8 * (record - int(len(self.members) > 1))
 
-
-def _vectors_within(room: float, count: int, size: int, clusters: int, record: int) -> int:
-    """How many basis vectors fit into `room` bytes beside `count` records and the rest."""
-    return int((room - count * record - _fixed_bytes(size, clusters)) // (size + 5))
-
-
-def _fixed_bytes(size: int, clusters: int) -> int:
-    return clusters * (2 * size + 2) + 4 * 510
-
-
-class _Learner:
-    """Fits codecs of any number of clusters to one sample of textures (n, T, T); in parts of it where that is enough."""
-
-    def __init__(self, sample: NDArray[np.uint8], rng: np.random.Generator) -> None:
-        self._rng = rng
-        self._sample = sample[rng.permutation(len(sample))]
-        some = self._flat(min(len(sample), 4 * _JUDGED)).astype(np.float32)
-        self._mean = some.mean(axis=0)
-        some -= self._mean
-        self._axes = _principal(some, min(len(some), _ROUGH))[1]
-        self._points = np.empty((len(sample), min(_AXES, self._axes.shape[1])), np.float32)
-        for part in parts(len(sample)):
-            self._points[part] = (self._flat(part.stop)[part] - self._mean) @ self._axes[:, :_AXES]
-
-    def fit(
-        self,
-        clusters: int,
-        payload_bytes: int,
-        rounds: int,
-        *,
-        most: int | None = None,
-        rough: bool = False,
+    def codec(
+        self, count: NDArray[np.int64], record: int, levels: NDArray[np.float32], errors: NDArray[np.float64]
     ) -> ClusteredPCACodec:
-        """Alternate between bases of the clusters and the choice of the best cluster for every texture.
+        """Return the codec of the first `count` (K,) vectors."""
+        size = self.center.shape[1]
+        texels = math.isqrt(size)
+        digits = 2 ** fraction_bits(texels)
+        bases, scales, widths = [], [], []
+        for n, values, vectors in zip(count, self.values, self.vectors, strict=True):
+            largest = np.abs(vectors[:, :n]).max(axis=0)
+            bases.append(np.rint(vectors[:, :n] / largest * 127).astype(np.int8).T)
+            scales.append((np.sqrt(values[:n]) * largest / 127 * digits).astype(np.float32))
+            widths.append(water_fill(values[:n], errors, self.bits(record)).astype(np.uint8))
+        if not count.any():  # all textures alike: one vector that adds nothing
+            count = np.eye(1, len(count), dtype=np.int64)[0]
+            bases, scales = [np.zeros((1, size), np.int8)], [np.zeros(1, np.float32)]
+            widths = [np.ones(1, np.uint8)]
+        return ClusteredPCACodec(
+            record,
+            np.rint(self.center / CENTER_UNIT).astype(np.int16),
+            count.astype(np.uint16),
+            np.concatenate(bases),
+            np.concatenate(scales),
+            np.concatenate(widths),
+            levels,
+            texels,
+        )
+
+
+class _Choice(NamedTuple):
+    """Bytes of a record, how many vectors (K,) each cluster has, and the squared error of a texture that is expected."""
+
+    record: int
+    vectors: NDArray[np.int64]
+    error: float
+
+
+@dataclass(frozen=True)
+class _Record:
+    """Records of a given size, with as many vectors as they can use."""
+
+    size: int
+    remedy = "records need at least 2 bytes"
+
+    def guess(self, clusters: int) -> int:
+        """Bytes of a record, before anything is known of the textures; 0 if there is no room for any."""
+        return self.size if self.size > int(clusters > 1) else 0
+
+    def choose(
+        self, spectra: _Spectra, errors: NDArray[np.float64], record: int, optimism: float
+    ) -> _Choice | None:
+        """Choose a record, near `record`; None if the target cannot be reached.
 
         Parameters
         ----------
-        most
-            Basis vectors of all clusters together.
-        rough
-            Look for bases among the leading axes of all textures, which takes a fraction of the time.
+        optimism
+            How much larger errors were than expected, so far.
         """
+        return _Choice(record, *spectra.counts(errors, record))
+
+    def price(self, codec: ClusteredPCACodec, learner: _Learner) -> float:
+        """What is to be as small as possible; infinite where the target is missed."""
+        return learner.error(codec)
+
+
+@dataclass(frozen=True)
+class _Ratio:
+    """All stored bytes within a ratio of the raw ones: longer records leave less room for vectors."""
+
+    count: int
+    size: int
+    ratio: float
+    remedy = "try a lower ratio"
+
+    def guess(self, clusters: int) -> int:
+        """See :class:`_Record`."""
+        lead = int(clusters > 1)
+        # Coefficients take about three bits.
+        a_byte = clusters * 8 / 3 * (self.size + 5)
+        record = int((self._room(clusters) + lead * a_byte) // (self.count + a_byte))
+        return record if record > lead else 0
+
+    def choose(
+        self, spectra: _Spectra, errors: NDArray[np.float64], record: int, optimism: float
+    ) -> _Choice | None:
+        """See :class:`_Record`."""
+        clusters = len(spectra.members)
+        choices = []
+        for size in range(max(1 + int(clusters > 1), record - 2), record + 4):
+            most = (self._room(clusters) - self.count * size) // (self.size + 5)
+            if most >= 1:
+                choices.append(_Choice(size, *spectra.counts(errors, size, most)))
+        return min(choices, key=lambda choice: choice.error, default=None)
+
+    def price(self, codec: ClusteredPCACodec, learner: _Learner) -> float:
+        """See :class:`_Record`."""
+        return learner.error(codec)
+
+    def _room(self, clusters: int) -> float:
+        """Bytes for records and vectors."""
+        return self.count * self.size / self.ratio - clusters * (2 * self.size + 2) - 4 * 510
+
+
+@dataclass(frozen=True)
+class _Error:
+    """As few bytes as an error allows."""
+
+    count: int
+    size: int
+    error: float
+    remedy = "try a larger error, or raw textures"
+
+    def guess(self, clusters: int) -> int:
+        """See :class:`_Record`."""
+        return self.size
+
+    def choose(
+        self, spectra: _Spectra, errors: NDArray[np.float64], record: int, optimism: float
+    ) -> _Choice | None:
+        """See :class:`_Record`."""
+        enough = 0.99 * self.allowed / max(optimism, 1.0)
+        low, high = 1 + int(len(spectra.members) > 1), self.size
+        while low < high:
+            middle = (low + high) // 2
+            if spectra.counts(errors, middle)[1] <= enough:
+                high = middle
+            else:
+                low = middle + 1
+        choice = _Choice(low, *spectra.counts(errors, low))
+        return choice if choice.error <= enough else None
+
+    @property
+    def allowed(self) -> float:
+        """Squared error of a texture, less the twelfth of a texel that rounding adds."""
+        return (self.error**2 - 1 / 12) * self.size
+
+    def price(self, codec: ClusteredPCACodec, learner: _Learner) -> float:
+        """See :class:`_Record`."""
+        if learner.error(codec) > self.allowed:
+            return math.inf
+        return float(self.count * codec.payload_bytes + codec.shared_bytes)
+
+
+_Plan = _Record | _Ratio | _Error
+
+
+class _Learner:
+    """Fits codecs of any number of clusters to samples of the textures.
+
+    Parameters
+    ----------
+    codes
+        (N, T, T) uint8.
+    clusters
+        Most that will be asked for.
+    rng
+        Draws the samples.
+    """
+
+    def __init__(self, codes: Codes, clusters: int, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._judged = _drawn(codes, _JUDGED, rng)
+        sample = _drawn(codes, max(_SAMPLE, _MEMBERS * clusters), rng)
+        self._sample = sample[rng.permutation(len(sample))]
+        some = self._flat(min(len(sample), 4 * _JUDGED)).astype(np.float32)
+        mean = some.mean(axis=0)
+        axes = _principal(some - mean)[1][:, :_AXES]
+        self._points = np.empty((len(sample), axes.shape[1]), np.float32)
+        for part in parts(len(sample)):
+            self._points[part] = (self._flat(part.stop)[part] - mean) @ axes
+
+    def error(self, codec: ClusteredPCACodec) -> float:
+        """Mean squared error of a texture, before texels are rounded, of textures that need not be in the samples."""
+        return float(codec.quantized(self._judged)[1].mean())
+
+    def fit(self, clusters: int, plan: _Plan, rounds: int) -> ClusteredPCACodec | None:
+        """Alternate between bases of the clusters and the choice of the best cluster for every texture."""
+        record, optimism, codec = plan.guess(clusters), 1.0, None
+        if record == 0:
+            return None
         count = min(len(self._sample), max(_SAMPLE, _MEMBERS * clusters))
-        flat, sample = self._flat(count), self._sample[:count]
+        sample = self._sample[:count]
         label = self._first_clusters(clusters, count)
-        levels, errors = lloyd_max(_normal_sample())
-        more = most, self._axes if rough else None
-        codec = _bases(flat, label, clusters, payload_bytes, levels, errors, *more)
-        for _ in range(rounds - 1):
-            records, _, values = codec.quantized(sample)
-            label = records[:, 0].astype(np.int64) if codec.lead else label
-            used = np.arange(values.shape[1]) < codec.count[label][:, None]
-            if used.any():
-                levels, errors = lloyd_max(values[used])
-            codec = _bases(flat, label, clusters, payload_bytes, levels, errors, *more)
+        levels, errors = lloyd_max(normal_sample())
+        for _ in range(rounds):
+            if codec is not None:
+                records, _, values = codec.quantized(sample)
+                label = records[:, 0].astype(np.int64) if codec.lead else label
+                used = np.arange(values.shape[1]) < codec.count[label][:, None]
+                if used.any():
+                    levels, errors = lloyd_max(values[used])
+            spectra = self._spectra(label, clusters)
+            for _ in range(3):
+                choice = plan.choose(spectra, errors, record, optimism)
+                if choice is None:
+                    return None
+                record = choice.record
+                codec = spectra.codec(choice.vectors, record, levels, errors)
+                optimism *= max(1.0, self.error(codec) / max(choice.error * optimism, 1e-6))
+                if plan.price(codec, self) < math.inf:
+                    break
         return codec
 
     def _flat(self, count: int) -> NDArray[np.uint8]:
@@ -206,156 +338,44 @@ class _Learner:
             center[used] = np.add.reduceat(points[order], starts, axis=0) / members[:, None]
         return label
 
+    def _spectra(self, label: NDArray[np.int64], clusters: int) -> _Spectra:
+        """Principal components of textures that share a label."""
+        flat = self._flat(len(label))
+        order = np.argsort(label, kind="stable")
+        members = np.bincount(label, minlength=clusters)
+        ends = np.cumsum(members)
+        center = np.zeros((clusters, flat.shape[1]), np.float32)
+        values: list[NDArray[np.float32]] = []
+        vectors: list[NDArray[np.float32]] = []
+        for k in range(clusters):
+            own = flat[order[ends[k] - members[k] : ends[k]]].astype(np.float32)
+            if len(own):
+                center[k] = own.mean(axis=0)
+                own -= center[k]
+            found = _principal(own)
+            values.append(found[0])
+            vectors.append(found[1])
+        return _Spectra(members, center, values, vectors)
 
-def _principal(centred: NDArray[np.float32], most: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Variances (n,), falling, and axes (D, n) of rows of mean 0 (m, D); n <= `most`."""
+
+def _drawn(codes: Codes, count: int, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """At most `count` textures drawn at random, in their own order; read in blocks."""
+    if count >= len(codes):
+        return np.asarray(codes[:])
+    rows = np.sort(rng.choice(len(codes), count, replace=False))
+    drawn = np.empty((count, *codes.shape[1:]), np.uint8)
+    for part in parts(len(codes)):
+        first, last = np.searchsorted(rows, (part.start, part.stop))
+        drawn[first:last] = np.asarray(codes[part])[rows[first:last] - part.start]
+    return drawn
+
+
+def _principal(centred: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Variances (n,), falling, and axes (D, n) of rows of mean 0 (m, D); n is the smaller of m and D."""
     count, size = centred.shape
     if count >= size:
         values, vectors = np.linalg.eigh(centred.T @ centred / np.float32(count))
     else:  # the products of fewer rows than columns have the same variances, and rows for axes
-        values, mixtures = np.linalg.eigh(centred @ centred.T / np.float32(count))
-        vectors = centred.T @ (mixtures / np.sqrt(np.maximum(values * count, 1e-12)))
-    return values[::-1][:most], vectors[:, ::-1][:, :most]
-
-
-def _bases(
-    flat: NDArray[np.uint8],
-    label: NDArray[np.int64],
-    clusters: int,
-    payload_bytes: int,
-    levels: NDArray[np.float32],
-    errors: NDArray[np.float64],
-    most: int | None,
-    within: NDArray[np.float32] | None,
-) -> ClusteredPCACodec:
-    """Centre, basis, widths and scales of every cluster; bases `within` orthonormal axes (D, n), or anywhere."""
-    size = flat.shape[1]
-    texels = math.isqrt(size)
-    budget = 8 * (payload_bytes - int(clusters > 1))
-    digits = 2 ** fraction_bits(texels)
-    center = np.zeros((clusters, size), np.int16)
-    found = []
-    order = np.argsort(label, kind="stable")
-    members = np.bincount(label, minlength=clusters)
-    ends = np.cumsum(members)
-    for k in range(clusters):
-        own = flat[order[ends[k] - members[k] : ends[k]]].astype(np.float32)
-        if len(own) == 0:
-            found.append((np.empty(0, np.float32), np.empty((size, 0), np.float32)))
-            continue
-        mean = own.mean(axis=0)
-        center[k] = np.rint(mean / _CENTER_UNIT)
-        own -= mean
-        values, vectors = _principal(own if within is None else own @ within, size)
-        n = int(np.count_nonzero(water_fill(values, errors, budget)))
-        found.append((values[:n], vectors[:, :n] if within is None else within @ vectors[:, :n]))
-    count = np.array([len(values) for values, _ in found])
-    if most is not None and count.sum() > most:
-        count = _best_counts([values for values, _ in found], members, errors, budget, most)
-    bases, scales, widths = [], [], []
-    for n, (values, vectors) in zip(count, found, strict=True):
-        bits = water_fill(values[:n], errors, budget)
-        largest = np.abs(vectors[:, :n]).max(axis=0)
-        bases.append(np.rint(vectors[:, :n] / largest * 127).astype(np.int8).T)
-        scales.append((np.sqrt(values[:n]) * largest / 127 * digits).astype(np.float32))
-        widths.append(bits.astype(np.uint8))
-    if not count.any():  # all textures alike: one vector that adds nothing
-        count[0] = 1
-        bases, scales, widths = (
-            [np.zeros((1, size), np.int8)],
-            [np.zeros(1, np.float32)],
-            [np.ones(1, np.uint8)],
-        )
-    return ClusteredPCACodec(
-        payload_bytes,
-        center,
-        count.astype(np.uint16),
-        np.concatenate(bases),
-        np.concatenate(scales),
-        np.concatenate(widths),
-        levels,
-        texels,
-    )
-
-
-def _best_counts(
-    variances: list[NDArray[np.float32]],
-    members: NDArray[np.int64],
-    errors: NDArray[np.float64],
-    budget: int,
-    most: int,
-) -> NDArray[np.int64]:
-    """How many vectors each cluster gets so that `most` in all lower the error of all textures most."""
-    gains, owner = [], []
-    for k, values in enumerate(variances):
-        whole = [0.0]
-        for n in range(1, len(values) + 1):
-            bits = water_fill(values[:n], errors, budget)
-            whole.append(float((values[:n] * (1 - errors[bits])).sum()))
-        # A further vector is never worth more than the one before: so the best are simply taken.
-        gains.append(members[k] * np.minimum.accumulate(np.diff(whole)))
-        owner.append(np.full(len(values), k))
-    best = np.argsort(-np.concatenate(gains), kind="stable")[:most]
-    return np.bincount(np.concatenate(owner)[best], minlength=len(variances))
-
-
-def water_fill(
-    variances: NDArray[np.floating], errors: NDArray[np.float64], budget: int
-) -> NDArray[np.int64]:
-    """Give out `budget` bits so that the sum of variances times errors is least.
-
-    Parameters
-    ----------
-    variances
-        (n,) falling.
-    errors
-        (9,) mean squared error of a quantiser of 0..8 bits for unit variance.
-
-    Returns
-    -------
-    bits
-        (n,) not rising.
-    """
-    gains = np.minimum.accumulate(-np.diff(errors))  # each further bit gains less: the best are simply taken
-    table = np.maximum(variances, 0)[:, None] * gains
-    # The smallest variances are rounding.
-    table[table < 1e-3] = 0
-    order = np.argsort(-table, axis=None, kind="stable")[:budget]
-    order = order[table.ravel()[order] > 0]
-    return np.bincount(order // table.shape[1], minlength=len(variances))
-
-
-def lloyd_max(values: NDArray[np.floating]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Scalar quantisers of 1..8 bits for a sample of values (Lloyd 1982, Max 1960).
-
-    Returns
-    -------
-    levels, errors
-        (510,) float32, rising within every quantiser; (9,) mean squared errors of 0..8 bits over that of 0.
-    """
-    values = np.sort(np.asarray(values, np.float64).ravel()[:: max(1, values.size // 100_000)])
-    sums = np.concatenate([[0], np.cumsum(values)])
-    squares = float((values**2).sum())
-    found, errors = [], [1.0]
-    for bits in range(1, WIDEST + 1):
-        # Levels as dense as the cube root of the values' density are nearly the best to begin with.
-        grid = values[np.linspace(0, len(values) - 1, 4 * 2**bits + 1).astype(int)]
-        density = np.cumsum(np.maximum(np.diff(grid), 1e-9) ** (2 / 3))
-        levels = np.interp(
-            (np.arange(2**bits) + 0.5) / 2**bits * density[-1], density, 0.5 * (grid[1:] + grid[:-1])
-        )
-        for _ in range(50):
-            cut = np.searchsorted(values, 0.5 * (levels[1:] + levels[:-1]))
-            begin, end = np.concatenate([[0], cut]), np.concatenate([cut, [len(values)]])
-            n = end - begin
-            levels = np.where(n > 0, (sums[end] - sums[begin]) / np.maximum(n, 1), levels)
-        levels = np.sort(levels)
-        nearest = levels[np.searchsorted(0.5 * (levels[1:] + levels[:-1]), values)]
-        errors.append(min(errors[-1], float(((values - nearest) ** 2).sum()) / max(squares, 1e-30)))
-        found.append(levels)
-    return np.concatenate(found).astype(np.float32), np.asarray(errors)
-
-
-@lru_cache(maxsize=1)
-def _normal_sample() -> NDArray[np.float64]:
-    return np.array([NormalDist().inv_cdf((k + 0.5) / 20_001) for k in range(20_001)])
+        values, mixtures = np.linalg.eigh(centred @ centred.T / np.float32(max(count, 1)))
+        vectors = centred.T @ (mixtures / np.sqrt(np.maximum(values * count, 1e-6)))
+    return np.maximum(values[::-1], 0), vectors[:, ::-1]
