@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from luxel.textures.store.reader import Baked
     from luxel.textures.textures import TextureSource
 
-__all__ = ["COMMANDS", "open_series", "texture_spec"]
+__all__ = ["COMMANDS", "open_if_baked", "open_series", "stored_look", "texture_spec"]
 
 
 def _info_options(parser: argparse.ArgumentParser) -> None:
@@ -104,7 +104,7 @@ def _add_server_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _info(options: argparse.Namespace) -> None:
-    baked = _open_if_baked(options)
+    baked = open_if_baked(options)
     if baked is not None:
         from luxel.app.report import store_table
         from luxel.textures.store.info import describe_baked
@@ -124,9 +124,9 @@ def _render(options: argparse.Namespace) -> None:
     from luxel.picture.image import check_output
 
     check_output(options.output)  # before minutes of work
-    baked = _open_if_baked(options)
+    baked = open_if_baked(options)
     if baked is not None:
-        look = _stored_look(options, baked)
+        look = stored_look(options, baked)
         frame = baked[look.frame or 0]
         origin = {"file": baked.path, "frame": frame.index}
         _draw(options, frame.scene, look.view, origin, frame.compressed)
@@ -137,11 +137,11 @@ def _render(options: argparse.Namespace) -> None:
 
 
 def _view(options: argparse.Namespace) -> None:
-    baked = _open_if_baked(options)
+    baked = open_if_baked(options)
     if baked is not None:
         from luxel.session import Session
 
-        look = _stored_look(options, baked)
+        look = stored_look(options, baked)
         frame = baked[look.frame or 0]
         view = _ready(options, look.view, frame.particles)
         _serve(options, Session(baked, frame=frame.index, view=view, threads=options.threads), view)
@@ -189,7 +189,7 @@ def open_series(options: argparse.Namespace, wanted: int | None = None) -> tuple
     return series, frame
 
 
-def _open_if_baked(options: argparse.Namespace) -> Baked | None:
+def open_if_baked(options: argparse.Namespace) -> Baked | None:
     """Open a store of baked textures, and refuse what would change its light; None for particle files."""
     from luxel.textures.store.reader import is_store, open_baked
 
@@ -217,7 +217,7 @@ def _open_if_baked(options: argparse.Namespace) -> Baked | None:
     return baked
 
 
-def _stored_look(options: argparse.Namespace, baked: Baked) -> SavedView:
+def stored_look(options: argparse.Namespace, baked: Baked) -> SavedView:
     """Return the view that options ask for, under the light of the store."""
     from luxel.scene.saved import SavedView
     from luxel.scene.view import View
