@@ -1,11 +1,12 @@
 """The paper's tables with its numbers beside ours.
 
-    python -m benchmarks.paper_tables [table2] [table3] [table4] [--quick] [--json]
+    python -m benchmarks.paper_tables [table2] [table3] [table4] [table5] [table6] [splits] [figure8] [--quick] [--json]
 
 table2: time and memory of a bake. table3: codecs at equal bytes (d is the mean over textures of the sum of squared
 differences of codes; the paper does not state its unit, so only ratios within a column compare). table4: frame rates
 of textures over Lambert with one shadow ray a pixel, 1024², pairs in turn. The paper's machine: 16 cores of 2008, and data
-sets that are not public; its rows are quoted, not repeated.
+sets that are not public; its rows are quoted, not repeated. table5, table6, splits, figure8: dynamic textures, see
+``paper_tables_dynamic``.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import luxel
 from benchmarks.lambert import draw_lambert
 from benchmarks.light_scenes import DataSet, data_sets
 from benchmarks.measure import interleaved, ratio, report
+from benchmarks.paper_tables_dynamic import figure8, splits, table5, table6
 from luxel.light.world import make_world
 from luxel.picture.raytrace import draw_textures, make_eye
 from luxel.textures import codecs
@@ -141,18 +143,15 @@ def table4(sets: list[DataSet], quick: bool) -> Rows:
         camera = luxel.Camera.framing((low, high), azimuth=-60.0, elevation=35.0, aspect=1.0)
         eye = make_eye(camera, SphereSet.of(data.particles), 1.0)
         colors = np.ones((len(data.particles), 3), np.float32)
-        sun = world.lights.suns[0, :3].copy()
         total = np.zeros((_SIDE, _SIDE, 5), np.float32)
         tables = {
             name: (codes if made is None else CompressedTextures.of(codes, made)).snapshot(codes.key)
             for name, made in codec.items()
         }
 
-        def lambert(
-            world: Any = world, eye: Any = eye, sun: Any = sun, colors: Any = colors, total: Any = total
-        ) -> None:
+        def lambert(world: Any = world, eye: Any = eye, colors: Any = colors, total: Any = total) -> None:
             total[:] = 0
-            draw_lambert(world, eye, sun, colors, total, threads)
+            draw_lambert(world, eye, colors, total, threads)
 
         def textured(
             name: str,
@@ -191,7 +190,15 @@ def table4(sets: list[DataSet], quick: bool) -> Rows:
     return rows
 
 
-TABLES = {"table2": table2, "table3": table3, "table4": table4}
+TABLES = {
+    "table2": table2,
+    "table3": table3,
+    "table4": table4,
+    "table5": table5,
+    "table6": table6,
+    "splits": splits,
+    "figure8": figure8,
+}
 
 
 def main() -> None:

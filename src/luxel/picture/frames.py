@@ -336,6 +336,10 @@ class Frames:
         finally:
             leave()
 
+    def restart(self) -> None:
+        """Have the next frame drawn as if the camera had just moved."""
+        self._made_of.pop("eye", None)
+
     def close(self) -> None:
         """End the drawing threads."""
         if self._owns_crew:

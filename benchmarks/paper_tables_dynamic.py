@@ -1,0 +1,359 @@
+"""The paper's tables 5 and 6 and its figure 8: dynamic textures. Run through ``benchmarks.paper_tables``.
+
+The camera path "arc": 100 views of everything, a quarter turn from azimuth -60° on, from 35° above the horizon, 512².
+
+table5: memory. "one view" and "arc" are the particles that one ray a pixel meets, of the first view and of all of them.
+table6: frames a second along the arc, one ray a pixel. "query only": the same Lambert and the same shadow rays, every
+pixel looked up, every visible particle requested, generation off. "outstanding": from an empty cache, while requests
+wait. "completed": all textures there, one bilinear lookup a pixel as in the paper; "filtered" is what the viewer
+shows of small particles. Pairs of frames in turn; their median ratio with quartiles.
+splits: shares of the machine for several splits between drawing and baking, dedicated threads and per-frame budgets (paper
+figure 7): frames a second over those of all threads without baking, and textures a second over a plain bake's.
+figure8: efficiency over threads, rate(t) / (t · rate(1)), with the per-frame callback. Its budget is 33 ms over t, so that a
+frame holds the same work whatever t is. "completed": all textures there.
+"""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter, thread_time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import luxel
+from benchmarks.dynamic import engine_of
+from benchmarks.light_scenes import DataSet
+from luxel.picture.frames import Frame, Frames
+from luxel.picture.raytrace import visible_ids
+from luxel.session import Session
+from luxel.textures.bake import Baker, bake_with
+from luxel.textures.spec import TextureSpec, light_key
+from luxel.trace.tree import thread_count
+
+__all__ = ["figure8", "splits", "table5", "table6"]
+
+Rows = list[dict[str, Any]]
+_SIDE = 512
+_SIZE = (_SIDE, _SIDE)
+_SPEC = TextureSpec(mode="fast", samples=1)
+_BUDGET_S = 0.033
+_BYTES = 512 << 20
+_TEXTURE = 256  # bytes
+_PCA_SHARED = 9 * 256 * 4  # mean and eight basis textures
+
+_PAPER_TABLE5 = (
+    ("Bullet-2", 569_523, 4.53, 6.31, 139.04, 4.35),
+    ("Cylinder-6", 214_036, 11.64, 6.34, 52.26, 1.64),
+    ("Fireball-10", 954_903, 8.07, 18.84, 233.13, 7.29),
+    ("JP8-173", 809_533, 8.91, 17.62, 197.64, 6.18),
+)
+_PAPER_TABLE6 = (
+    ("Bullet-2", 46.13, 17.44, 5.20, 72.95),
+    ("Cylinder-6", 29.84, 9.23, 2.74, 39.59),
+    ("Fireball-10", 59.17, 21.44, 3.54, 65.37),
+    ("JP8-173", 24.78, 8.85, 2.85, 35.81),
+)
+
+
+def arc(particles: luxel.Particles, count: int = 100) -> list[luxel.Camera]:
+    """The named camera path, thinned out to `count` views."""
+    return [
+        luxel.Camera.framing(particles.bounds, azimuth=azimuth, elevation=35.0, aspect=1.0)
+        for azimuth in np.linspace(-60.0, 30.0, count)
+    ]
+
+
+def _seen(data: DataSet, count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Ids of the first view, and of all views of the path."""
+    scene = luxel.Scene(data.particles)
+    looks = [visible_ids(scene, camera, _SIZE) for camera in arc(data.particles, count)]
+    return looks[0], np.unique(np.concatenate(looks))
+
+
+def table5(sets: list[DataSet], quick: bool) -> Rows:
+    """Memory of dynamic, precomputed and compressed textures, MB of 2^20 bytes as in the paper."""
+    rows: Rows = []
+    for data in sets:
+        count = len(data.particles)
+        one, union = _seen(data, 100)
+        engine = engine_of(count, _BYTES)
+        engine.request("light", union, lambda ids: (np.zeros(len(ids)), None))
+        engine.wait()
+        found = engine.cache.stats()
+        assert found.textures == len(union)
+        engine.close()
+        rows.append(
+            {
+                "scene": data.name,
+                "particles": count,
+                "one view, %": 100 * len(one) / count,
+                "arc, %": 100 * len(union) / count,
+                "DLT, MB": len(union) * _TEXTURE / 2**20,
+                "with all bookkeeping": found.nbytes / 2**20,
+                "PLT, MB": count * _TEXTURE / 2**20,
+                "PCA-8, MB": (8 * count + _PCA_SHARED) / 2**20,
+            }
+        )
+    for name, count, percent, dlt, plt, pca in _PAPER_TABLE5:
+        rows.append(
+            {
+                "scene": f"paper, {name}",
+                "particles": count,
+                "arc, %": percent,
+                "DLT, MB": dlt,
+                "PLT, MB": plt,
+                "PCA-8, MB": pca,
+            }
+        )
+    return rows
+
+
+def table6(sets: list[DataSet], quick: bool) -> Rows:
+    """Frame rates of Lambert with shadows, query only, outstanding, completed."""
+    rows: Rows = []
+    for data in sets:
+        path = arc(data.particles, 24 if quick else 100)
+        scene = data.scene("sky+sun")
+        with Session(scene, spec=_SPEC, threads=0) as idle, _filled(data, len(path)) as full:
+            rivals = {
+                "Lambert": Frames(scene, size=_SIZE, shading="shadows", antialias=1),
+                "query only": Frames(idle, size=_SIZE, shadows=True, antialias=1),
+                "completed": Frames(full, size=_SIZE, antialias=1, filtered=False),
+                "filtered": Frames(full, size=_SIZE, antialias=1),
+            }
+            seconds: dict[str, list[float]] = {name: [] for name in rivals}
+            for turn, camera in enumerate([*path[:2], *path]):  # two to warm up
+                for name, frames in rivals.items():
+                    took, frame = _timed(frames, camera)
+                    if turn >= 2:
+                        seconds[name].append(took)
+                    if name in ("completed", "filtered"):
+                        assert frame.ready == frame.visible, "a texture is missing"
+            outstanding = _outstanding(scene, path)
+        row: dict[str, Any] = {
+            "scene": data.name,
+            "Lambert + shadow, frames/s": 1 / statistics.median(seconds["Lambert"]),
+        }
+        for name in ("query only", "outstanding", "completed", "filtered"):
+            if name == "outstanding":
+                row[name] = (
+                    f"{1 / outstanding:.1f} ({statistics.median(seconds['Lambert']) / outstanding:.2f}x)"
+                )
+                continue
+            pairs = [a / b for a, b in zip(seconds["Lambert"], seconds[name], strict=True)]
+            low, middle, high = statistics.quantiles(pairs, n=4)
+            row[name] = f"{1 / statistics.median(seconds[name]):.1f} ({middle:.2f}x, {low:.2f}-{high:.2f})"
+        row["lookup, ns a pixel"] = _lookup_ns(data)
+        rows.append(row)
+    for name, lambert, query, waiting, completed in _PAPER_TABLE6:
+        rows.append(
+            {
+                "scene": f"paper, {name}",
+                "Lambert + shadow, frames/s": lambert,
+                "query only": f"{query} ({query / lambert:.2f}x)",
+                "outstanding": f"{waiting} ({waiting / lambert:.2f}x)",
+                "completed": f"{completed} ({completed / lambert:.2f}x)",
+            }
+        )
+    return rows
+
+
+def splits(sets: list[DataSet], quick: bool) -> Rows:
+    """Shares of the machine that drawing and baking get, for several splits."""
+    data = sets[0]
+    scene = data.scene("sky+sun")
+    threads = thread_count(None)
+    camera = arc(data.particles, 1)[0]
+    seen = visible_ids(scene, camera, _SIZE)
+    for_s = 2.0 if quick else 6.0
+    chosen: list[tuple[str, int, int, float]] = [
+        (f"draw {threads}, bake {bake}", threads, bake, 0.0) for bake in range(1, threads + 1)
+    ]
+    if threads > 1:
+        chosen += [(f"draw {threads - b}, bake {b}", threads - b, b, 0.0) for b in range(1, threads)]
+    chosen += [(f"draw {threads}, budget {1000 * s:.0f} ms", threads, 0, s) for s in (0.010, 0.033)]
+    baker = Baker(scene, _SPEC)
+    baker.prepare(threads)
+    textures = bake_with(baker, seen)
+    rows: Rows = []
+    for name, draw, bake, budget_s in chosen:
+        alone = _bake_rate(baker, seen, threads, for_s / 2)
+        frames_alone = _frame_rate(scene, textures, camera, threads, for_s / 2)
+        with Session(scene, spec=_SPEC, threads=bake) as session:
+            frames_per_s, textures_per_s = _both_rates(session, camera, draw, budget_s, for_s)
+        share = frames_per_s / frames_alone, textures_per_s / alone
+        rows.append(
+            {
+                "split": name,
+                "frames/s": frames_per_s,
+                "of alone": frames_alone,
+                "textures/s": textures_per_s,
+                "of a bake's": alone,
+                "frame share": share[0],
+                "bake share": share[1],
+                "sum": sum(share),
+            }
+        )
+    return rows
+
+
+def figure8(sets: list[DataSet], quick: bool) -> Rows:
+    """Efficiency over threads, requests outstanding and completed."""
+    data = sets[0]
+    scene = data.scene("sky+sun")
+    camera = arc(data.particles, 1)[0]
+    seen = visible_ids(scene, camera, _SIZE)
+    most = thread_count(None)
+    counts = sorted({1, 2, *(2**k for k in range(1, 7) if 2**k <= most), most} & set(range(1, most + 1)))
+    for_s = 1.5 if quick else 5.0
+    baker = Baker(scene, _SPEC)
+    baker.prepare(most)
+    textures = bake_with(baker, seen)
+    found: dict[int, list[tuple[float, float, float]]] = {count: [] for count in counts}
+    for _ in range(2 if quick else 3):
+        for count in counts:  # in turn, so that a machine whose speed drifts hurts all alike
+            with Session(scene, spec=_SPEC, threads=0) as session:
+                frames_per_s, textures_per_s = _both_rates(session, camera, count, _BUDGET_S / count, for_s)
+            completed = _frame_rate(scene, textures, camera, count, for_s / 2)
+            found[count].append((frames_per_s, textures_per_s, completed))
+    rows: Rows = []
+    single = [statistics.median(each) for each in zip(*found[1], strict=True)]
+    for count in counts:
+        rates = [statistics.median(each) for each in zip(*found[count], strict=True)]
+        row: dict[str, Any] = {"threads": count}
+        for name, rate, one in zip(
+            ("outstanding, frames", "outstanding, textures", "completed, frames"), rates, single, strict=True
+        ):
+            row[f"{name}/s"] = rate
+            row[f"{name}, efficiency"] = rate / (count * one)
+        rows.append(row)
+    rows.append(
+        {
+            "threads": "paper, 16",
+            "outstanding, frames, efficiency": "flat",
+            "outstanding, textures, efficiency": "about linear",
+            "completed, frames, efficiency": "about 0.8",
+        }
+    )
+    return rows
+
+
+@contextmanager
+def _filled(data: DataSet, views: int) -> Iterator[Session]:
+    """A session that has every texture that the path shows."""
+    union = _seen(data, views)[1]
+    with Session(data.scene("sky+sun"), spec=_SPEC, max_bytes=_BYTES) as session:
+        eye = arc(data.particles, 1)[0].eye
+        session.sighted(union, eye)
+        while not session.wait(0.5):
+            session.sighted(union, eye)  # requests lapse unless somebody keeps looking
+        yield session
+
+
+def _timed(frames: Frames, camera: luxel.Camera) -> tuple[float, Frame]:
+    start = perf_counter()
+    frame = frames.draw(luxel.View(camera=camera))
+    return perf_counter() - start, frame
+
+
+def _outstanding(scene: luxel.Scene, path: list[luxel.Camera]) -> float:
+    """Mean seconds a frame, from an empty cache on, as long as requests wait."""
+    took: list[float] = []
+    with (
+        Session(scene, spec=_SPEC, max_bytes=_BYTES) as session,
+        Frames(session, size=_SIZE, antialias=1) as frames,
+    ):
+        frames.draw(luxel.View(camera=path[0]))  # makes the baker, learns the filter
+        session.wait(60.0)
+        for camera in path[1:]:
+            second, frame = _timed(frames, camera)
+            status = session.status()
+            if frame.ready < frame.visible and status.queued + status.baking:
+                took.append(second)
+    return statistics.mean(took) if took else float("nan")
+
+
+def _both_rates(
+    session: Session, camera: luxel.Camera, draw: int, budget_s: float, for_s: float
+) -> tuple[float, float]:
+    """Frames and textures a second while requests wait; the light changes when none do."""
+    done = 0
+
+    def count(batch: Any) -> None:
+        nonlocal done
+        done += len(batch.ids)  # each worker tells its own; a lost update is one batch of thousands
+
+    leave = session.subscribe(count)
+    frames = Frames(
+        session, luxel.View(camera=camera), _SIZE, antialias=1, threads=draw, bake_budget_s=budget_s
+    )
+    with frames:
+        while not done:  # until the baker is made and its filter learnt
+            frames.restart()  # as if the camera had moved: every draw sends a ray through every pixel
+            frames.draw()
+            if session.status().queued + session.status().baking == 0:
+                break
+        done, drawn, start = 0, 0, perf_counter()
+        while (took := perf_counter() - start) < for_s:
+            frames.restart()
+            frame = frames.draw()
+            drawn += 1
+            if frame.ready == frame.visible:
+                break
+        took = perf_counter() - start
+    leave()
+    return drawn / took, done / took
+
+
+def _frame_rate(
+    scene: luxel.Scene, textures: luxel.LuminanceTextures, camera: luxel.Camera, threads: int, for_s: float
+) -> float:
+    """Frames a second with all textures there and nothing being baked."""
+    view = luxel.View(camera=camera)
+    with Frames(scene, view, _SIZE, textures=textures, antialias=1, threads=threads) as frames:
+        frames.draw()
+        drawn, start = 0, perf_counter()
+        while (took := perf_counter() - start) < for_s:
+            frames.restart()
+            frames.draw()
+            drawn += 1
+    return drawn / took
+
+
+def _bake_rate(baker: Baker, seen: NDArray[np.int32], threads: int, for_s: float) -> float:
+    """Textures a second of a plain bake."""
+    done, start = 0, perf_counter()
+    rng = np.random.default_rng(0)
+    while (took := perf_counter() - start) < for_s:
+        lot = rng.permutation(seen)[: 1024 * threads]
+        bake_with(baker, lot, threads=threads)
+        done += len(lot)
+    return done / took
+
+
+def _lookup_ns(data: DataSet) -> float:
+    """Thread time of a picture that looks textures up over one of plain Lambert, a covered pixel."""
+    scene = data.scene("sky+sun")
+    camera = arc(data.particles, 1)[0]
+    seen = visible_ids(scene, camera, _SIZE)
+    codes = np.random.default_rng(0).integers(0, 256, (len(seen), 16, 16)).astype(np.uint8)
+    count, view = len(data.particles), luxel.View(camera=camera)
+    textures = luxel.LuminanceTextures(seen, codes, 3.0, "sqrt", count, light_key(scene, _SPEC))
+    plain = luxel.render(scene.with_changes(model="lambertian"), view, size=_SIZE, antialias=1)
+    assert plain.ids is not None
+    rivals = (
+        Frames(scene, view, _SIZE, shading="lambertian", antialias=1, threads=1),
+        Frames(scene, view, _SIZE, textures=textures, filtered=False, antialias=1, threads=1),
+    )
+    best = [float("inf")] * 2
+    for _ in range(15):
+        for k, frames in enumerate(rivals):
+            frames.restart()
+            start = thread_time()
+            frames.draw()
+            best[k] = min(best[k], thread_time() - start)
+    return 1e9 * (best[1] - best[0]) / int((plain.ids >= 0).sum())
