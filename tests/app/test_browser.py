@@ -35,9 +35,9 @@ class PatientBaker(Baker):
         super().__init__(scene, spec)
         assert SIGHTED.wait(WAIT_S)
 
-    def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
-        assert DAWNED.wait(WAIT_S)
-        return super().bake_into(ids, codes)
+    def preparation(self, threads: int) -> Iterator[None]:
+        assert DAWNED.wait(WAIT_S)  # one thread waits here; the other goes on with first light
+        yield from super().preparation(threads)
 
 
 @pytest.fixture(scope="module")
