@@ -71,7 +71,8 @@ def viewer() -> Iterator[Viewer]:
 class Client:
     """A page's side of the socket."""
 
-    def __init__(self, viewer: Viewer, *, hello: bool = True, **options: Any) -> None:
+    def __init__(self, viewer: Viewer, *, hello: bool = True, confirms: bool = False, **options: Any) -> None:
+        self.confirms = confirms
         where = urlsplit(viewer.url)
         query = options.pop("query", where.query)
         self.socket = websocket.create_connection(
@@ -96,6 +97,8 @@ class Client:
             opcode, data = self.socket.recv_data()
             assert opcode == websocket.ABNF.OPCODE_BINARY, f"closed: {data!r}"
             self.heard.append(protocol.decode(data))
+            if self.confirms and isinstance(self.heard[-1], protocol.Tiles | protocol.Coarse):
+                self.send(protocol.Confirm(self._count(protocol.Tiles), self._count(protocol.Coarse)))
             if isinstance(self.heard[-1], kind):
                 return self.heard[-1]
         raise TimeoutError(f"no {kind.__name__} within {GUARD_S:g} s; heard {self.heard[-5:]}")
@@ -103,6 +106,9 @@ class Client:
     def last(self, kind: type[protocol.Message]) -> Any:
         """The newest message of a kind so far."""
         return next(each for each in reversed(self.heard) if isinstance(each, kind))
+
+    def _count(self, kind: type[protocol.Message]) -> int:
+        return sum(isinstance(each, kind) for each in self.heard)
 
     def closed(self) -> tuple[int, str]:
         """Wait for the close frame; return its code and reason."""
@@ -254,7 +260,7 @@ def test_page_is_told_the_scene(viewer: Viewer) -> None:
 
 
 def test_tiles_come_for_what_is_sighted(viewer: Viewer) -> None:
-    client = Client(viewer)
+    client = Client(viewer, confirms=True)
     key = client.next(protocol.LightState).key
     wanted = np.arange(10, 40, dtype=np.int32)
     client.send(protocol.Sighted(key, wanted, (0.0, 0.0, 5.0)))
@@ -268,7 +274,7 @@ def test_tiles_come_for_what_is_sighted(viewer: Viewer) -> None:
 
 
 def test_first_light_comes_before_tiles_and_only_once(viewer: Viewer) -> None:
-    client = Client(viewer)
+    client = Client(viewer, confirms=True)
     light = client.next(protocol.LightState)
     wanted = np.arange(10, 2000, dtype=np.int32)
     client.send(protocol.Sighted(light.key, wanted, (0.0, 0.0, 5.0)))
@@ -287,7 +293,7 @@ def test_first_light_comes_before_tiles_and_only_once(viewer: Viewer) -> None:
 
 
 def test_second_page_gets_what_is_ready_at_once_and_only_what_it_wants(viewer: Viewer) -> None:
-    first, second = Client(viewer), Client(viewer)
+    first, second = Client(viewer, confirms=True), Client(viewer)
     key = first.next(protocol.LightState).key
     second.next(protocol.Geometry)
     first.send(protocol.Sighted(key, np.arange(20, dtype=np.int32), (0, 0, 5)))
