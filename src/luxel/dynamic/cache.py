@@ -414,8 +414,7 @@ class TextureCache:
                 stack.enter_context(shard.lock)
             light.coarse = NO_COARSE
             light.state &= np.uint8(~(LIT | DAWNING) & 0xFF)
-            light.table.live[light.table.live == FIRST_LIGHT] = NOBODY
-            light.table.changed(None)
+            light.table.replace(FIRST_LIGHT, NOBODY)
 
     def _drop(self, light: Entries) -> None:
         light.dropped = True

@@ -164,8 +164,7 @@ class Shard:
             light.coarse[ids] = records
             light.state[ids] = (light.state[ids] | np.uint8(LIT)) & np.uint8(~DAWNING & 0xFF)
             bare = ids[light.table.live[ids] < 0]
-            light.table.live[bare] = FIRST_LIGHT
-            light.table.changed(bare)
+            light.table.write(bare, FIRST_LIGHT)
             return True
 
     def lose_all(self, light: Entries) -> None:
@@ -207,8 +206,7 @@ class Shard:
         arena.light[slots] = light.number
         arena.owner[slots] = ids
         arena.seen[slots] = seen
-        table.live[ids] = slots  # only now that it is written may the slot be found
-        table.changed(ids)
+        table.write(ids, slots)  # only now that it is written may the slot be found
         light.move(self.number, ids, IDLE, grade)
         self._used += len(slots)
         self._retire(light, old)
@@ -286,8 +284,7 @@ class Shard:
     def _lose(self, light: Entries, slots: Ids) -> None:
         ids = self._arena.owner[slots]
         state = light.state[ids]
-        light.table.live[ids] = np.where(state & np.uint8(LIT), FIRST_LIGHT, NOBODY)
-        light.table.changed(ids)
+        light.table.write(ids, np.where(state & np.uint8(LIT), FIRST_LIGHT, NOBODY))
         for work in np.unique(work_of(state)):  # what is being done goes on
             chosen = ids[work_of(state) == work]
             light.move(self.number, chosen, int(work) if work != FAILED else IDLE, NONE)

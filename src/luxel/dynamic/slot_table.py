@@ -46,9 +46,9 @@ class _Copy:
 class SlotTable:
     """(N,) int32 slots of particles: one array that changes, and frozen copies of it, each made by few changes to an old one.
 
-    Whoever writes, writes `live` and then calls :meth:`changed`. Both must be serialised for each particle
-    (:class:`luxel.dynamic.shard.Shard` does it under its lock); neither waits for anybody who calls :meth:`freeze`,
-    nor the other way round: the lock inside is for those who freeze at the same time.
+    Writes must be serialised for each particle (:class:`luxel.dynamic.shard.Shard` does it under its lock); they wait
+    for nobody who calls :meth:`freeze`, nor the other way round: the lock inside is for those who freeze at the same
+    time.
 
     What `live` named before a change may still be read through frozen copies: :meth:`mark` and :meth:`is_read` tell
     how long.
@@ -78,8 +78,21 @@ class SlotTable:
         """Bytes of all copies."""
         return int(self.live.nbytes) * (1 + len(self._copies))
 
-    def changed(self, ids: Ids | None) -> None:
-        """Note that ``live[ids]`` has been written; None means all of it."""
+    def write(self, ids: Ids, slots: Ids | int) -> None:
+        """Set ``live[ids]``."""
+        # Noted before as well: a copy that repeats an older change may take what is written here before it is noted,
+        # and the next copy must not be without it again.
+        self._note(ids)
+        self.live[ids] = slots
+        self._note(ids)
+
+    def replace(self, old: int, new: int) -> None:
+        """Set all that is `old` to `new`."""
+        self._note(None)
+        self.live[self.live == old] = new
+        self._note(None)
+
+    def _note(self, ids: Ids | None) -> None:
         log = self._log
         if log is None:
             return
@@ -89,17 +102,18 @@ class SlotTable:
             log.append(ids)
 
     def mark(self) -> int:
-        """Return a number for :meth:`is_read`; call it after :meth:`changed`."""
+        """Return a number for :meth:`is_read`; call it after :meth:`write`."""
         return self._number
 
     def is_read(self, mark: int) -> bool:
-        """Whether somebody may hold a copy that lacks changes noted before `mark` was taken."""
+        """Whether somebody may hold a copy that lacks what was written before `mark` was taken."""
         return any(reader.alive for reader in self._readers if reader.number <= mark)
 
     def freeze(self) -> Ids:
         """Return (N,) int32, `live` as it is now; nobody writes there as long as the caller holds this very array.
 
-        While changes go on it may or may not have those that are made during the call.
+        While changes go on it may or may not have those that are made during the call; what one copy has, later ones
+        have too.
         """
         with self._lock:
             last = None if self._last is None else self._last()
@@ -156,13 +170,22 @@ class SlotTable:
             self._history.append(log.popleft())
         oldest = min(each.position for each in self._copies)
         self._forget(oldest - self._first)
-        missing = self._history[copy.position - self._first :] if copy.position >= self._first else []
-        if copy.position < self._first or sum(map(len, missing)) > _MOST_CHANGES * len(self.live):
+        newest = max(self._copies, key=lambda each: each.position)
+        missing = self._missing(copy)
+        if newest.position < self._first:
             np.copyto(copy.slots, self.live)
         else:
-            for ids in missing:
+            if missing is None or sum(map(len, missing)) > _MOST_CHANGES * len(self.live):
+                # Not from `live`: it may have what is not noted yet, and the copy made next would lose it again.
+                np.copyto(copy.slots, newest.slots)
+                missing = self._missing(newest)
+            for ids in missing or ():
                 copy.slots[ids] = self.live[ids]
         copy.position = self._first + len(self._history)
+
+    def _missing(self, copy: _Copy) -> list[Ids] | None:
+        """Changes that `copy` lacks; None where they are no longer known."""
+        return self._history[copy.position - self._first :] if copy.position >= self._first else None
 
     def _forget(self, count: int) -> None:
         """Drop the oldest `count` entries of the history, if so many are there; at least all but the latest few."""

@@ -95,7 +95,6 @@ def kernel(function: Callable[..., Any] | None = None, *, inline: bool = False, 
                 error_model="numpy",
                 forceinline=inline,
                 no_cfunc_wrapper=True,
-                no_cpython_wrapper=inline,
                 boundscheck=False,
                 _nrt=not borrows,
             )(body)
