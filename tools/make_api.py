@@ -67,22 +67,18 @@ def _plain(text: str, name: str) -> str:
     return text.split("\n", 1)[1].strip()
 
 
-def main() -> int:
+def main() -> None:
     """Write the page, or say whether it is what the docstrings say."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--check", action="store_true", help="change nothing; fail if the page is out of date"
     )
-    options = parser.parse_args()
     text = page()
-    if not options.check:
+    if not parser.parse_args().check:
         PAGE.write_text(text, encoding="utf-8")
-        return 0
-    if PAGE.read_text(encoding="utf-8") != text:
-        print(f"{PAGE}: out of date — run python tools/make_api.py", file=sys.stderr)
-        return 1
-    return 0
+    elif PAGE.read_text(encoding="utf-8") != text:
+        sys.exit(f"{PAGE}: out of date — run python tools/make_api.py")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
