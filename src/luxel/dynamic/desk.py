@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from enum import Enum
 
@@ -25,10 +26,7 @@ from luxel.dynamic.entries import (
 from luxel.dynamic.queue import RequestQueue
 from luxel.dynamic.sightings import Ids, Sighting
 
-__all__ = ["OLDEST_EVERY", "Desk", "Kind", "Piece"]
-
-#: Every so many pieces of work, one goes to the requests that have waited longest.
-OLDEST_EVERY = 4
+__all__ = ["Desk", "Kind", "Piece"]
 
 
 class Kind(Enum):
@@ -93,7 +91,6 @@ class Desk:
         self._light: Entries | None = None
         self._version = -1
         self._taken_in: dict[str, int] = {}
-        self._turn = 0
         self._over_budget = 0
         self._estimated = False  # since sightings were taken in
         self._hopeless: set[Kind] = set()
@@ -119,58 +116,66 @@ class Desk:
                 found[kind] += 1
             return found
 
-    def oldest_s(self, kinds: Collection[Kind]) -> float:
-        """When the request that has waited longest for one of some kinds of work came; infinite if there is none."""
+    def oldest_s(self, kinds: Collection[Kind], now_s: float) -> dict[Kind, float]:
+        """When the request came that has waited longest for each of some kinds of work; those that nobody waits for are left out.
+
+        Second attempts have waited longest of all.
+        """
         with self._lock:
-            return min(self._queues[kind].oldest_s for kind in kinds)
+            self._refresh(now_s)
+            found = {kind: self._queues[kind].oldest_s for kind in kinds if len(self._queues[kind])}
+            return found | {kind: -math.inf for kind, _ in self._again if kind in kinds}
+
+    def may_have(self, kind: Kind) -> bool:
+        """Whether it is worth to ask for a kind of work; takes no lock, and never says no where there is some."""
+        fresh = self._estimated or self._version != self._cache.version
+        return fresh or len(self._queues[kind]) > 0 or len(self._again) > 0
 
     @property
     def over_budget(self) -> int:
         """Visible particles that the cache has no room for, as of the last look."""
         return self._over_budget
 
-    def take(self, light: Entries, now_s: float, most: Mapping[Kind, int], threads: int) -> Piece | None:
-        """Return the next piece of work, None if there is none.
+    def take(
+        self, light: Entries, kind: Kind, most: int, now_s: float, threads: int, *, oldest: bool = False
+    ) -> Piece | None:
+        """Return a piece of one kind of work, None if there is none.
 
         Parameters
         ----------
         light
             For which light key; for another there is none.
+        kind
+            What to do.
+        most
+            For how many particles at most.
         now_s
             When, in seconds.
-        most
-            Kinds of work that can be done now, and for how many particles at most.
         threads
             Work is divided between so many.
+        oldest
+            Whether to serve those that have waited longest, instead of the best.
         """
         with self._lock:
             if light is not self._light:
                 return None
             self._refresh(now_s)
             for _ in range(len(self._again)):
-                kind, particle = self._again.popleft()
-                if kind in most:
+                tried, particle = self._again.popleft()
+                if tried is kind:
                     return Piece(kind, light, np.array([particle], np.int32), alone=True)
-                self._again.append((kind, particle))
-            waiting = [kind for kind in Kind if kind in most and len(self._queues[kind])]
-            if not waiting:
-                return None
-            self._turn += 1
-            oldest = self._turn % OLDEST_EVERY == 0
-            if oldest:
-                waiting.sort(key=lambda kind: self._queues[kind].oldest_s)
-            for kind in waiting:
-                queue = self._queues[kind]
-                count = min(most[kind], max(1, -(-len(queue) // threads)))
-                if kind is Kind.REFINEMENT:
-                    count = min(count, self._spare())
-                # What another client or a frame has overtaken is not in the queued state any more.
-                while count > 0 and len(queue):
-                    ids = queue.pop_oldest(count) if oldest else queue.pop(count)
-                    mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
-                    ids = ids[mark(light, ids)]
-                    if len(ids):
-                        return Piece(kind, light, ids)
+                self._again.append((tried, particle))
+            queue = self._queues[kind]
+            count = min(most, max(1, -(-len(queue) // threads)))
+            if kind is Kind.REFINEMENT:
+                count = min(count, self._spare())
+            # What another client or a frame has overtaken is not in the queued state any more.
+            while count > 0 and len(queue):
+                ids = queue.pop_oldest(count) if oldest else queue.pop(count)
+                mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
+                ids = ids[mark(light, ids)]
+                if len(ids):
+                    return Piece(kind, light, ids)
             return None
 
     def done(self, piece: Piece, grade: int) -> None:
