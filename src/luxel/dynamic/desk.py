@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -92,7 +92,7 @@ class Desk:
         self._version = -1
         self._taken_in: dict[str, int] = {}
         self._over_budget = 0
-        self._estimated = False  # since sightings were taken in
+        self._look_again = False  # once nothing waits any more
         self._hopeless: set[Kind] = set()
 
     def select(self, light: Entries | None) -> None:
@@ -128,7 +128,7 @@ class Desk:
 
     def may_have(self, kind: Kind) -> bool:
         """Whether it is worth to ask for a kind of work; takes no lock, and never says no where there is some."""
-        fresh = self._estimated or self._version != self._cache.version
+        fresh = self._look_again or self._version != self._cache.version
         return fresh or len(self._queues[kind]) > 0 or len(self._again) > 0
 
     @property
@@ -179,9 +179,12 @@ class Desk:
             return None
 
     def done(self, piece: Piece, grade: int) -> None:
-        """Note that textures of a piece are there: where they are estimates, those who rest may want better ones."""
-        if grade == ESTIMATE and piece.light is self._light:
-            self._estimated = True
+        """Note that textures of a piece are there, or given up (`NONE`).
+
+        Where they are estimates, those who rest may want better ones; where not all that is visible had room, there may be some now.
+        """
+        if piece.light is self._light and (grade == ESTIMATE or self._over_budget):
+            self._look_again = True
 
     def retry(self, piece: Piece) -> bool:
         """Do a piece that failed once more, one particle at a time; False if its light key is not wanted any more."""
@@ -222,43 +225,60 @@ class Desk:
         else:
             self._cache.release(self._light, ids)
 
+    def _withdraw(self, kind: Kind, ids: Ids) -> None:
+        """Release what a queue has given up, unless the other one has it now: an estimate that was to be refined may be lost."""
+        if len(ids):
+            other = Kind.REFINEMENT if kind is Kind.FIRST_TEXTURE else Kind.FIRST_TEXTURE
+            self._release(kind, np.setdiff1d(ids, self._queues[other].ids, assume_unique=True))
+
     def _refresh(self, now_s: float) -> None:
         """Take in what frames have sighted, drop what lapsed, and give up what there is no room for."""
         light = self._light
         if light is None:
             return
-        fresh = self._version != self._cache.version
-        if self._estimated and not len(self._queues[Kind.FIRST_TEXTURE]):
-            self._taken_in.clear()
-            fresh = True
-        if fresh:
-            self._version = self._cache.version
-            self._estimated = False
-            sightings = self._cache.sightings.copy()
-            for client in list(self._taken_in):
+        again = self._look_again and not len(self._queues[Kind.FIRST_TEXTURE])
+        if not again and self._version == self._cache.version:
+            self._drop_lapsed(now_s)
+            return
+        self._version = self._cache.version
+        self._look_again = False
+        sightings = self._cache.sightings.copy()
+        for queue in self._queues.values():
+            for client in queue.clients:
                 if client not in sightings:
-                    del self._taken_in[client]
-                    for queue in self._queues.values():
-                        queue.forget(client)
-            for client, sighting in sightings.items():
-                if sighting.key == light.key and self._taken_in.get(client) != sighting.number:
-                    self._taken_in[client] = sighting.number
-                    self._take_in(light, sighting)
-        for kind, queue in self._queues.items():
-            gone = queue.refresh(now_s)
-            if kind is not Kind.FIRST_LIGHT:
-                self._release(kind, gone)
-        if fresh:
-            shard = self._cache.shards[self.number]
-            queue = self._queues[Kind.FIRST_TEXTURE]
-            # Baking more than fits would only evict what is on the screen.
-            self._over_budget = 0
-            if len(queue) + shard.used > shard.capacity // 2:
-                excess = queue.limit(shard.room())
-                self._over_budget = len(excess)
-                self._release(Kind.FIRST_TEXTURE, excess)
+                    queue.forget(client)
+        if again or self._over_budget:  # what one client looks away from may be room for what others see
+            self._taken_in = {}
+        self._take_in(light, sightings)
+        self._drop_lapsed(now_s)
+        self._over_budget = 0
+        # Baking more than fits would only evict what is on the screen.
+        shard = self._cache.shards[self.number]
+        queue = self._queues[Kind.FIRST_TEXTURE]
+        if len(queue) + shard.used > shard.capacity // 2 and len(queue) > shard.room():
+            # What is out of sight gives way to all that is in sight, however long ago it was asked for.
+            queue.drop_unseen()
+            self._taken_in = {}
+            self._take_in(light, sightings)
+            self._drop_lapsed(now_s)
+            excess = queue.limit(shard.room())
+            self._over_budget = len(excess)
+            self._withdraw(Kind.FIRST_TEXTURE, excess)
 
-    def _take_in(self, light: Entries, sighting: Sighting) -> None:
+    def _drop_lapsed(self, now_s: float) -> None:
+        gone = {kind: queue.refresh(now_s) for kind, queue in self._queues.items()}
+        for kind in (Kind.FIRST_TEXTURE, Kind.REFINEMENT):
+            self._withdraw(kind, gone[kind])
+
+    def _take_in(self, light: Entries, sightings: Mapping[str, Sighting]) -> None:
+        """Ask for what is lacking in the sightings that have not been taken in yet."""
+        self._taken_in = {client: n for client, n in self._taken_in.items() if client in sightings}
+        for client, sighting in sightings.items():
+            if sighting.key == light.key and self._taken_in.get(client) != sighting.number:
+                self._taken_in[client] = sighting.number
+                self._ask(light, sighting)
+
+    def _ask(self, light: Entries, sighting: Sighting) -> None:
         ids = sighting.part(self.number, len(self._cache.shards))
         state = light.state[ids]
         unfinished = (grade_of(state) < FULL) & (work_of(state) <= QUEUED)

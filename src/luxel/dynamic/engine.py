@@ -20,7 +20,7 @@ import numpy as np
 
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.desk import Desk, Kind, Piece
-from luxel.dynamic.entries import ESTIMATE, Entries
+from luxel.dynamic.entries import ESTIMATE, NONE, Entries
 from luxel.dynamic.pace import Pace, Rate
 from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
 from luxel.dynamic.sightings import Ids, Measure, Sighting
@@ -524,8 +524,8 @@ class Engine:
             codes = np.empty((len(ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
             clipped = shop.baker(piece.kind).bake_into(ids, codes)
             end_s = self._clock()
-            self.cache.publish(light, ids, codes, grade)
-            desk.done(piece, grade)
+            if self.cache.publish(light, ids, codes, grade).any():  # else they would only be asked for again
+                desk.done(piece, grade)
         except BaseException as error:
             self._failed(desk, piece, error)
             if not isinstance(error, Exception):
@@ -537,7 +537,7 @@ class Engine:
             self._paces[piece.kind].record(end_s - start_s, len(ids))
             self._rate.record(end_s, len(ids))
             lit = self._lit
-        stale = lit is None or light is not lit.light
+        stale = lit is None or light.key != lit.light.key
         self._tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(len(ids), grade == ESTIMATE), stale))
 
     def _failed(self, desk: Desk, piece: Piece, error: BaseException) -> None:
@@ -566,6 +566,7 @@ class Engine:
                 self.cache.fail(light, ids)
             else:
                 self.cache.release(light, ids)
+            desk.done(piece, NONE)
         if hopeless:
             self._give_up(light, (kind,))
 
