@@ -3,7 +3,9 @@
 The camera path "arc": 100 views, a quarter turn from azimuth -60° on, from 35° above the horizon, 512², at half the distance at which
 everything is in view, so that the data fills the picture. "arc, far" is as far away as that, where most particles are smaller than a pixel.
 
-table5: memory. "one view" and "arc" are the particles that one ray a pixel meets, of the first view and of all of them.
+table5: memory. "one view" and "arc" are the particles that one ray a pixel meets, of the first view and of all of them. The last columns are about a
+cache that keeps eight principal components a texture, learnt as textures come: particles a MB, with all that a slot costs, and the RMS error in
+codes, beside that of a basis learnt from all of them.
 table6: frames a second along the arc, one ray a pixel. "query only": the same Lambert and the same shadow rays, every
 pixel looked up, every visible particle requested, generation off. "outstanding": from an empty cache, while requests
 wait. "completed": all textures there, one bilinear lookup a pixel as in the paper; "filtered" is what the viewer
@@ -28,10 +30,12 @@ from numpy.typing import NDArray
 import luxel
 from benchmarks.dynamic import engine_of
 from benchmarks.light_scenes import DataSet
+from luxel.dynamic.cache import TextureCache
 from luxel.picture.frames import Frame, Frames
 from luxel.picture.raytrace import visible_ids
 from luxel.session import Session
 from luxel.textures.bake import Baker, bake_with
+from luxel.textures.codecs import Distortion, IncrementalPCA
 from luxel.textures.spec import TextureSpec, light_key
 from luxel.trace.tree import thread_count
 
@@ -100,6 +104,7 @@ def table5(sets: list[DataSet], quick: bool) -> Rows:
                 "with all bookkeeping": found.nbytes / 2**20,
                 "PLT, MB": count * _TEXTURE / 2**20,
                 "PCA-8, MB": (8 * count + _PCA_SHARED) / 2**20,
+                **_compressed(data, union, quick),
             }
         )
     for name, count, percent, dlt, plt, pca in _PAPER_TABLE5:
@@ -114,6 +119,29 @@ def table5(sets: list[DataSet], quick: bool) -> Rows:
             }
         )
     return rows
+
+
+def _compressed(data: DataSet, seen: NDArray[np.int32], quick: bool) -> dict[str, Any]:
+    """What a cache gains by compression, on textures of what is seen."""
+    ids = np.sort(np.random.default_rng(0).permutation(seen)[: 4096 if quick else 32_768])
+    baker = Baker(data.scene("sky+sun"), _SPEC)
+    baker.prepare(thread_count(None))
+    codes = bake_with(baker, ids).codes
+    caches = [TextureCache(16, _BYTES, components=components) for components in (0, 8)]
+    for cache in caches:
+        light = cache.begin("light", len(data.particles), 1.0, "linear")
+        start, size = 0, 16
+        while start < len(ids):  # as an engine makes them
+            cache.publish(light, ids[start : start + size], codes[start : start + size])
+            start, size = start + size, min(256, 2 * size)
+    raw, packed = (cache.capacity * 2**20 / cache.max_bytes for cache in caches)
+    whole = IncrementalPCA().partial_fit(codes).codec(8)
+    return {
+        "raw, particles a MB": raw,
+        "DLT-8, particles a MB": packed,
+        "DLT-8, RMSE": caches[1].stats().error,
+        "basis from all, RMSE": Distortion.of(whole, codes, whole.encode(codes)).rmse,
+    }
 
 
 def table6(sets: list[DataSet], quick: bool) -> Rows:

@@ -124,6 +124,9 @@ class Session:
         frame is a thirtieth of a second, or the budget if that is longer. 0 for no such limit.
     max_bytes
         Budget of the texture cache.
+    components
+        Keep textures compressed, as so many principal components of a byte each, learnt from those that come, so that many more find room; 8 is a good number. 0
+        keeps them as they are made.
     estimates
         Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) come before those of `spec`. Only for clients that keep
         sighting what has no more than an estimate.
@@ -165,6 +168,7 @@ class Session:
         threads: int | None = None,
         bake_budget_s: float = 0.0,
         max_bytes: int = 256 << 20,
+        components: int = 0,
         estimates: bool = False,
         small_pixels: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
@@ -182,7 +186,7 @@ class Session:
             raise InputError("a budget for baking is for threads, and threads is 0 — call run_for() with it")
         self._make_baker = Baker if make_baker is None else make_baker
         self._lock = threading.RLock()
-        self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping)
+        self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping, components=components)
         self._estimates = estimates
         self._engine = Engine(
             self._cache, threads=0 if bake_budget_s else count, clock=clock, small_pixels=small_pixels
