@@ -18,13 +18,16 @@ if TYPE_CHECKING:
     from luxel.scene.view import View
 
 __all__ = [
+    "add_bake_options",
     "add_file_options",
     "add_light_options",
     "add_scene_options",
+    "bake_share",
     "build_lights",
     "build_look",
     "build_view",
     "fill_light",
+    "frame_budget",
     "given_light",
     "number",
     "positive_int",
@@ -43,6 +46,7 @@ _LIGHT_OPTIONS = (*_LIGHT_DEFAULTS, "samples", "sun", "sky", "ao_distance", "per
 HIDDEN_LIGHT = ("keeps", "opens")
 _LARGEST_SIZE = 16_384
 _NUMBER = re.compile(r"-\.?\d")
+_DURATION = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*(ms|s)\s*")
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,40 @@ def positive_int(text: str) -> int:
     if value < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number above 0, got {text.strip()!r}")
     return value
+
+
+def frame_budget(text: str) -> float:
+    """Parse a time such as 33ms or 0.02s, above zero and at most a second; return seconds."""
+    match = _DURATION.fullmatch(text)
+    seconds = 0.0 if match is None else float(match[1]) * (1e-3 if match[2] == "ms" else 1.0)
+    if not 0 < seconds <= 1:
+        raise argparse.ArgumentTypeError(
+            f"expected a time above 0 and up to 1s, such as 33ms or 0.02s, got {text.strip()!r}"
+        )
+    return seconds
+
+
+def add_bake_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how a viewer shares the machine between light and everything else."""
+    group = parser.add_argument_group("share of the machine")
+    group.add_argument(
+        "--bake-threads",
+        type=positive_int,
+        metavar="N",
+        help="threads that compute light (default: as many as --threads)",
+    )
+    group.add_argument(
+        "--bake-budget",
+        type=frame_budget,
+        metavar="TIME",
+        help="let them work for so long of every frame, a thirtieth of a second or longer, such as 10ms (default: all the time)",
+    )
+
+
+def bake_share(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what :func:`add_bake_options` says, as a session takes it."""
+    threads = options.threads if options.bake_threads is None else options.bake_threads
+    return {"threads": threads, "bake_budget_s": options.bake_budget or 0.0}
 
 
 def add_file_options(parser: argparse.ArgumentParser, *, stores: bool = True) -> None:
