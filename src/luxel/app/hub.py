@@ -163,7 +163,7 @@ class Hub:
             return baked.payload(self._baked, part)
         return None
 
-    async def _act(self, page: Page, message: protocol.ClientMessage) -> None:
+    async def _act(self, page: Page, message: protocol.PageMessage) -> None:
         match message:
             case protocol.Hello():
                 _log.info(
