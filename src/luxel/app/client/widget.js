@@ -4,7 +4,7 @@ import { App } from "./app.js";
 import { handle } from "./handle.js";
 import { SUBPROTOCOL } from "./protocol.js";
 
-/** @typedef {import("./app.js").Transport} Transport */
+/** @typedef {import("./transport.js").Transport} Transport */
 /** @typedef {{page: string, do: string, text?: string}} Content */
 
 /**
