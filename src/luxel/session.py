@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from luxel.io import Series
     from luxel.scene.view import View
 
-__all__ = ["Session", "Status"]
+__all__ = ["Session", "SessionTextures", "Status"]
 
 MakeBaker = Callable[[Scene, TextureSpec], TileBaker]
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from luxel.app.command import Command
 from luxel.app.options import (
     LIGHTS,
+    RENDERERS,
     SunOption,
     add_file_options,
     add_scene_options,
@@ -100,6 +101,12 @@ def _add_server_options(parser: argparse.ArgumentParser) -> None:
         "--host", default="127.0.0.1", help="address to serve at (default: 127.0.0.1, this machine only)"
     )
     parser.add_argument("--port", type=int, default=0, help="default: any free one")
+    parser.add_argument(
+        "--renderer",
+        choices=RENDERERS,
+        default="browser",
+        help="what draws at first: the browser, or this machine, which then sends pictures instead of particles (default: browser)",
+    )
     parser.add_argument("--no-browser", dest="browser", action="store_false", help="only print the URL")
 
 
@@ -323,6 +330,7 @@ def _serve(options: argparse.Namespace, session: Session, view: View) -> None:
             host=options.host,
             port=options.port,
             open_browser=options.browser,
+            renderer=options.renderer,
             block=True,
             announce=lambda url: print(url, flush=True),
         )

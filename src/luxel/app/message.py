@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from luxel.app.wire import pack
 from luxel.errors import ProtocolError
 
-__all__ = ["KEY_MAX", "NAME_MAX", "Given", "Message", "PageMessage"]
+__all__ = ["KEY_MAX", "NAME_MAX", "Given", "Message", "PageMessage", "drawer"]
 
 #: Longest light key, and name of a scalar, in characters.
 KEY_MAX = 128
@@ -126,3 +126,11 @@ def _number(value: object, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e30:
         raise ProtocolError(f"{name!r} must be a number")
     return float(value)
+
+
+def drawer(given: Given) -> str:
+    """The field ``by``: who draws."""
+    by = given.text("by", 16)
+    if by not in ("", "browser", "server"):
+        raise ProtocolError("'by' must be browser or server")
+    return by

@@ -34,6 +34,7 @@ __all__ = [
 # Written out so that `luxel --help` imports nothing; a test holds them to the library's own.
 MODELS = ("lambertian", "shadows", "ao", "interreflection")
 LIGHTS = ("texture", "pixel")
+RENDERERS = ("browser", "raytrace")
 MODES = ("fast", "paper")
 MAPPINGS = ("latlong", "octahedral")
 # Options of light are None unless they are given, so that they can be refused where the light is baked in.

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.app.message import KEY_MAX, NAME_MAX, Given, PageMessage
+from luxel.app.message import KEY_MAX, NAME_MAX, Given, PageMessage, drawer
 
 __all__ = [
     "ColormapRequest",
@@ -30,15 +30,24 @@ _TEXT_MAX = 4000
 
 @dataclass(frozen=True, eq=False)
 class Hello(PageMessage):
-    """First message of a page: what draws there."""
+    """First message of a page.
+
+    Parameters
+    ----------
+    renderer
+        What could draw there.
+    by
+        Who shall draw, ``"browser"`` or ``"server"``; blank leaves it to the server.
+    """
 
     kind: ClassVar[int] = 1
     renderer: str = ""
+    by: str = ""
 
     @classmethod
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
-        return cls(given.text("renderer", NAME_MAX))
+        return cls(given.text("renderer", NAME_MAX), drawer(given) if given.has("by") else "")
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,18 +36,36 @@ from luxel.app.server_messages import (
     Tiles,
     ViewState,
 )
+from luxel.app.stream_messages import (
+    CancelScreenshot,
+    ConfirmFrame,
+    ConfirmParts,
+    DrawBy,
+    PickAt,
+    Picked,
+    ScreenshotPart,
+    ScreenshotState,
+    StopStream,
+    Stream,
+    StreamedFrame,
+    TakeScreenshot,
+)
 from luxel.app.wire import unpack
 from luxel.errors import ProtocolError
 
 __all__ = [
     "CLIENT_BYTES_MAX",
     "SUBPROTOCOL",
+    "CancelScreenshot",
     "ClientMessage",
     "Coarse",
     "CodecState",
     "Colormap",
     "ColormapRequest",
     "Confirm",
+    "ConfirmFrame",
+    "ConfirmParts",
+    "DrawBy",
     "Error",
     "Geometry",
     "Hello",
@@ -58,15 +76,23 @@ __all__ = [
     "PageMessage",
     "ParticleState",
     "Payload",
+    "PickAt",
+    "Picked",
     "Report",
     "Scalar",
     "ScalarRequest",
     "SceneState",
+    "ScreenshotPart",
+    "ScreenshotState",
     "SetFrame",
     "SetLight",
     "SetView",
     "Sighted",
     "Status",
+    "StopStream",
+    "Stream",
+    "StreamedFrame",
+    "TakeScreenshot",
     "Tiles",
     "ViewState",
     "decode",
@@ -89,6 +115,14 @@ ClientMessage = (
     | SetView
     | LoadView
     | Inspect
+    | DrawBy
+    | Stream
+    | StopStream
+    | ConfirmFrame
+    | PickAt
+    | TakeScreenshot
+    | CancelScreenshot
+    | ConfirmParts
 )
 _PAGE_KINDS: dict[int, type[PageMessage]] = {each.kind: each for each in get_args(ClientMessage)}
 _SERVER_KINDS: dict[int, type[Message]] = {
@@ -107,6 +141,10 @@ _SERVER_KINDS: dict[int, type[Message]] = {
         Payload,
         ViewState,
         ParticleState,
+        StreamedFrame,
+        Picked,
+        ScreenshotState,
+        ScreenshotPart,
     )
 }
 

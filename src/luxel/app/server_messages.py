@@ -50,6 +50,8 @@ class SceneState(Message):
         As of ``View.to_json()``, in file units.
     light_fixed
         Whether the light is baked in, so that nobody can change it.
+    streamed
+        The server draws: no particles follow, and scalars come without values.
     """
 
     kind: ClassVar[int] = 16
@@ -70,6 +72,7 @@ class SceneState(Message):
     view: Mapping[str, Any]
     light_fixed: bool = False
     notice: str = ""
+    streamed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +133,8 @@ class Geometry(Message):
 class Scalar(Message):
     """Values of one scalar, (N,) float32, and their range, twice: for linear and for logarithmic scales.
 
-    `whole` tells that the values are whole numbers, which qualitative colour maps show as codes.
+    `whole` tells that the values are whole numbers, which qualitative colour maps show as codes; `missing`, that some
+    are NaN. There are no values where the server draws.
     """
 
     kind: ClassVar[int] = 19
@@ -140,6 +144,7 @@ class Scalar(Message):
     range: tuple[float, float]
     log_range: tuple[float, float]
     whole: bool
+    missing: bool
 
 
 @dataclass(frozen=True, eq=False)
