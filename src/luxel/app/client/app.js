@@ -9,7 +9,9 @@ import { Notices } from "./notices.js";
 import { Panel } from "./panel.js";
 import { Pick } from "./pick.js";
 import { KIND, decode, encode } from "./protocol.js";
+import { Remote } from "./remote.js";
 import { SavedViews } from "./saved.js";
+import { Screenshot } from "./screenshot.js";
 import { Spheres } from "./spheres.js";
 import { Viewpoint } from "./viewpoint.js";
 import { cameraFromFile } from "./views.js";
@@ -37,6 +39,8 @@ export class App {
     this.spheres = new Spheres(this);
     this.saved = new SavedViews(this);
     this.panel = this.makePanel(host);
+    this.remote = new Remote(this);
+    this.screenshot = new Screenshot(this);
     this.drawing = new Drawing(this);
     this.pick = new Pick(root, {
       inspect: (id) => this.connection.send(encode(KIND.inspect, { id })),
@@ -58,7 +62,9 @@ export class App {
     };
     connection.onopen = () => {
       this.light.connected();
-      this.connection.send(encode(KIND.hello, { renderer: this.drawing.renderer.name.slice(0, 400) }));
+      this.remote.connected();
+      this.screenshot.connected();
+      this.connection.send(encode(KIND.hello, { renderer: this.drawing.renderer.name.slice(0, 400), by: this.remote.by }));
     };
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.coloring.drawBar(), { signal: this.closing.signal });
     this.drawing.resize();
@@ -75,7 +81,6 @@ export class App {
       fit: () => this.viewpoint.fit(),
       axis: (axis, negative) => this.viewpoint.axisView(axis, negative),
       projection: () => this.viewpoint.toggleProjection(),
-      save: () => this.drawing.save(),
       layout: () => this.drawing.resize(),
       titled: (title) => host.titled?.(title),
       up: () => this.viewpoint.upChanged(),
@@ -113,6 +118,10 @@ export class App {
       case KIND.status: return this.notices.takeStatus(head);
       case KIND.error: return this.notices.trouble("server", head.text, true);
       case KIND.view: return this.saved.take(head.view);
+      case KIND.frame: return this.remote.take(head, arrays);
+      case KIND.picked: return this.remote.takePicked(head);
+      case KIND.screenshotState: return this.screenshot.takeState(head);
+      case KIND.screenshotPart: return this.screenshot.takePart(head, arrays);
       case KIND.particle: return head.epoch === this.scene?.epoch && this.pick.take(head);
     }
   }
@@ -121,11 +130,13 @@ export class App {
   takeScene(head) {
     const again = this.scene !== null && this.scene.title === head.title;
     const { drawing, viewpoint } = this;
+    const held = head.streamed ? 0 : head.count; // particles that will be here
+    this.remote.reset(head);
     this.scene = head;
-    this.spheres.reset(head.count, this.light.state?.lighting.radius_scale ?? 1);
+    this.spheres.reset(held, this.light.state?.lighting.radius_scale ?? 1);
     this.coloring.reset();
-    drawing.guard(() => drawing.renderer.setScene(head.count, reach(head)));
-    this.light.reset(head);
+    drawing.guard(() => drawing.renderer.setScene(held, reach(head)));
+    this.light.reset({ ...head, count: held });
     if (this.pick.id >= 0) this.pick.set(again && this.pick.id < head.count ? this.pick.id : -1);
     this.panel.setScene(head, again);
     this.notices.trouble("notice", head.notice || null);
@@ -151,6 +162,8 @@ export class App {
   /** Tell about the particle at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */
   pickAt(x, y) {
     const { camera } = this.viewpoint;
-    if (camera !== null && this.scene !== null) this.pick.set(this.drawing.renderer.idAt(camera, x, 1 - y));
+    if (camera === null || this.scene === null) return;
+    if (this.remote.active) this.remote.pickAt(x, y);
+    else this.pick.set(this.drawing.renderer.idAt(camera, x, 1 - y));
   }
 }

@@ -50,6 +50,14 @@ export function handle(app) {
       });
       return true;
     },
+    /** Whether the server draws, and what it sent: the message of the picture, and its pixels (RGBA), rows from the top, as base64. */
+    remote: () => {
+      const { remote } = app, { width, height } = remote.canvas;
+      const copy = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+      copy?.drawImage(remote.canvas, 0, 0);
+      const pixels = copy?.getImageData(0, 0, width, height).data;
+      return { active: remote.active, shown: remote.shown, width, height, pixels: pixels ? base64(pixels) : "" };
+    },
     /** The picture (RGBA) and ids of pixel centres, rows from the bottom, as base64. */
     capture: () => {
       app.drawing.upload(); // what came since the last frame counts

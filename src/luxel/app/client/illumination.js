@@ -138,14 +138,15 @@ export class Illumination {
   /** Tell the server what is visible and has no light yet. */
   ask() {
     clearTimeout(this.timer);
-    const { state, app: { viewpoint: { camera }, connection } } = this;
-    if (state === null || state.model === "lambertian" || camera === null || this.baked?.complete) return;
+    const { state, app: { viewpoint: { camera }, connection, remote } } = this;
+    if (remote.active || state === null || state.model === "lambertian" || camera === null || this.baked?.complete) return;
     const ids = this.sight.request(this.store, performance.now());
     if (this.sight.waiting) this.timer = setTimeout(() => this.ask(), ASK_MS);
     if (ids !== null && ids.length) connection.send(encode(KIND.sighted, { key: state.key, eye: camera.eye }, { ids: ids.slice() }));
   }
 
   counts() {
+    if (this.app.remote.active) return this.app.remote.counts;
     return { visible: this.sight.count, ...this.sight.litCount(this.store, this.coarse) };
   }
 

@@ -8,6 +8,8 @@ export const KIND = {
   scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24,
   codec: 32, payload: 33,
   setView: 40, loadView: 41, inspect: 42, view: 50, particle: 51,
+  drawBy: 60, stream: 61, stopStream: 62, confirmFrame: 63, pickAt: 64, takeScreenshot: 65, cancelScreenshot: 66, confirmParts: 67,
+  frame: 70, picked: 71, screenshotState: 72, screenshotPart: 73,
 };
 
 /** @typedef {Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array | Int8Array} Values */
