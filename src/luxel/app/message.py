@@ -131,6 +131,6 @@ def _number(value: object, name: str) -> float:
 def drawer(given: Given) -> str:
     """The field ``by``: who draws."""
     by = given.text("by", 16)
-    if by not in ("", "browser", "server"):
+    if by not in ("browser", "server"):
         raise ProtocolError("'by' must be browser or server")
     return by

@@ -37,17 +37,17 @@ class Hello(PageMessage):
     renderer
         What could draw there.
     by
-        Who shall draw, ``"browser"`` or ``"server"``; blank leaves it to the server.
+        Who shall draw, ``"browser"`` or ``"server"``; None leaves it to the server.
     """
 
     kind: ClassVar[int] = 1
     renderer: str = ""
-    by: str = ""
+    by: str | None = None
 
     @classmethod
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
-        return cls(given.text("renderer", NAME_MAX), drawer(given) if given.has("by") else "")
+        return cls(given.text("renderer", NAME_MAX), drawer(given) if given.has("by") else None)
 
 
 @dataclass(frozen=True, eq=False)

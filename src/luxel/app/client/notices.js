@@ -60,7 +60,7 @@ export class Notices {
       if (app.light.store.dropped) parts.push("texture memory full");
     }
     if (app.remote.active) parts.push("drawn by the server");
-    if (this.fps >= 0.5) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
+    if (this.fps >= 0.5 && !app.remote.shown?.final) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
     app.element("counts").textContent = parts.join("  ·  ");
     /** @type {HTMLProgressElement} */
     const progress = app.element("progress");

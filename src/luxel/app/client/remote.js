@@ -39,10 +39,10 @@ export class Remote {
     signal.addEventListener("abort", () => clearTimeout(this.timer));
   }
 
-  /** Who shall draw, as a hello says it; blank before anybody has said so. */
+  /** Who shall draw, as a hello says it; null before anybody has said so. */
   get by() {
     if (this.app.drawing.trouble !== null) return "server";
-    return this.app.scene === null ? "" : this.active ? "server" : "browser";
+    return this.app.scene === null ? null : this.active ? "server" : "browser";
   }
 
   /** A new connection: it has been asked for nothing. */
