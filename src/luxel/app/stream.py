@@ -117,6 +117,7 @@ class PageStream:
         self._wish: Stream | None = None
         self._fresh = False  # nothing has been drawn of it yet
         self._count = 0
+        self._key = ""  # of the light, or an older one
         self._rate = math.inf  # pixels a second while the view moves
         # What the page has:
         self._pixels: NDArray[np.uint8] | None = None
@@ -155,6 +156,7 @@ class PageStream:
             return None, math.inf
         self._fresh = False
         began_s = self._clock()
+        self._key = self._session.key
         frame = frames.draw()
         took_s = self._clock() - began_s
         if wish.moving:
@@ -199,17 +201,19 @@ class PageStream:
             return None
         if whole and not self._lossless:
             return self._message(frame, _encoded(frame, None), lossless=True)
-        if (frame.final or late) and _words(frame) != self._told:
+        if (frame.final or late) and self._words(frame) != self._told:
             return self._message(frame, b"", lossless=self._lossless)
         return None
 
     def _message(self, frame: Frame, image: bytes, *, lossless: bool) -> StreamedFrame:
         self._count += 1
-        self._pixels, self._lossless, self._told = frame.pixels, lossless, _words(frame)
+        self._pixels, self._lossless, self._told = frame.pixels, lossless, self._words(frame)
         self._sent_s = self._clock()
         height, width = frame.pixels.shape[:2]
         return StreamedFrame(
             self._count,
+            0 if self._wish is None else self._wish.wish,
+            self._key,
             width,
             height,
             np.frombuffer(image, np.uint8),
@@ -220,6 +224,10 @@ class PageStream:
             frame.ready,
             frame.dim,
         )
+
+    def _words(self, frame: Frame) -> tuple[object, ...]:
+        """Return what a message says of a frame beside its picture."""
+        return self._wish, self._key, frame.rays, frame.final, frame.visible, frame.ready, frame.dim
 
     def _reduced(self, wish: Stream) -> tuple[int, int]:
         """Return a size that can be drawn quickly."""
@@ -234,11 +242,6 @@ class PageStream:
         height, width = frame.pixels.shape[:2]
         rate = height * width / max(took_s, 1e-6)
         self._rate = rate if math.isinf(self._rate) else self._rate + _RATE_SHARE * (rate - self._rate)
-
-
-def _words(frame: Frame) -> tuple[object, ...]:
-    """Return what a message says of a frame beside its picture."""
-    return frame.rays, frame.final, frame.visible, frame.ready, frame.dim
 
 
 def _encoded(frame: Frame, quality: int | None) -> bytes:

@@ -66,6 +66,8 @@ class Stream(PageMessage):
         More of the kind will follow soon: rather a quick picture than a good one.
     grading
         See :func:`luxel.picture.drawing.make_tone`.
+    wish
+        Names the message, for the page; pictures say which one they answer.
     """
 
     kind: ClassVar[int] = 61
@@ -74,6 +76,7 @@ class Stream(PageMessage):
     height: int
     moving: bool = False
     grading: tuple[float, float] = (1.0, 1.0)
+    wish: int = 0
 
     @classmethod
     def read(cls, given: Given) -> Self:
@@ -82,7 +85,9 @@ class Stream(PageMessage):
         top, bottom = given.numbers("grading", 2)
         if min(top, bottom) < 0:
             raise ProtocolError("'grading' must be two numbers >= 0")
-        return cls(given.object("view"), width, height, given.truth("moving"), (top, bottom))
+        return cls(
+            given.object("view"), width, height, given.truth("moving"), (top, bottom), given.whole("wish")
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +200,10 @@ class StreamedFrame(Message):
     ----------
     frame
         Counts the pictures sent to this page.
+    wish
+        Which `Stream` it answers.
+    key
+        Of its light; it may be about to change.
     width, height
         In pixels; smaller than asked for while the view moves.
     image
@@ -209,6 +218,8 @@ class StreamedFrame(Message):
 
     kind: ClassVar[int] = 70
     frame: int
+    wish: int
+    key: str
     width: int
     height: int
     image: NDArray[np.uint8]

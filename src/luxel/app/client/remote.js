@@ -25,12 +25,14 @@ export class Remote {
     /** @type {HTMLCanvasElement} */
     this.canvas = app.element("remote");
     this.wish = ""; // sent last
+    this.sent = 0; // wishes
     this.timer = 0;
     /** The message of what is shown. @type {any} */
     this.shown = null;
     /** That of the picture itself. @type {any} */
     this.picture = null;
     this.frames = 0;
+    this.restMs = REST_MS;
     /** Done when all messages so far are: pictures take a while to unpack, and must not overtake each other. */
     this.taken = Promise.resolve();
     const { signal } = app.closing;
@@ -99,7 +101,14 @@ export class Remote {
     this.wish = text;
     clearTimeout(this.timer);
     this.send(wish, moving);
-    if (moving) this.timer = setTimeout(() => this.send(wish, false), REST_MS);
+    if (moving) this.timer = setTimeout(() => this.send(wish, false), this.restMs);
+  }
+
+  /** Whether what is shown answers the latest wish, under the present light. */
+  get current() {
+    const { shown, app: { light, viewpoint } } = this;
+    return shown !== null && viewpoint.camera !== null && shown.wish === this.sent && shown.key === light.state?.key
+      && JSON.stringify(this.wanted()) === this.wish;
   }
 
   /** What is to be seen. */
@@ -111,7 +120,7 @@ export class Remote {
 
   /** @param {object} wish @param {boolean} moving */
   send(wish, moving) {
-    if (this.active) this.app.connection.send(encode(KIND.stream, { ...wish, moving }));
+    if (this.active) this.app.connection.send(encode(KIND.stream, { ...wish, moving, wish: ++this.sent }));
   }
 
   visibilityChanged() {
