@@ -268,8 +268,12 @@ def test_a_bad_view_file_is_explained_in_the_page(page: Page, text: str, message
 def test_what_was_drawn_before_the_camera_rests_is_looked_at_again(page: Page) -> None:
     """A fast renderer draws several samples before that; what is visible must become known all the same."""
     settle(page, fully=True)
-    page.run("luxel.setCamera(luxel.camera()), luxel.app.drawing.film.restAt = Infinity, luxel.app.drawing.schedule()")
-    page.wait("(p => p.count > 1 && p.epoch === luxel.app.drawing.film.epoch)(luxel.app.drawing.film.pass)", WAIT_S)
+    page.run(
+        "luxel.setCamera(luxel.camera()), luxel.app.drawing.film.restAt = Infinity, luxel.app.drawing.schedule()"
+    )
+    page.wait(
+        "(p => p.count > 1 && p.epoch === luxel.app.drawing.film.epoch)(luxel.app.drawing.film.pass)", WAIT_S
+    )
     assert not page.run("luxel.state().known")
     page.run("luxel.app.drawing.film.restAt = 0")
     settle(page, fully=True)

@@ -21,7 +21,9 @@ IDS = np.array([3, 1, 4], np.int32)
 FROM_PAGE = [
     protocol.Hello("ANGLE"),
     protocol.Sighted("ab12", IDS, (0.5, -1.0, 2.0)),
-    protocol.Confirm(7, 2, 5),
+    protocol.Confirm(7, 2, 5, 1),
+    protocol.Compare("shadows"),
+    protocol.Compare(None),
     protocol.SetLight("ao", 0.5, 1.25, (195.0, 50.0, 2.0, 15.0)),
     protocol.SetLight(sky=0.0),
     protocol.SetLight(up="y", hide=[{"kind": "cut", "normal": [1, 0, 0], "offset": 2}], radius_scale=1.5),
@@ -38,6 +40,7 @@ FROM_SERVER = [
     protocol.Scalar(1, "T", np.array([1, np.nan, 3], np.float32), (1.0, 3.0), (1.0, 3.0), False),
     protocol.Colormap("gray", np.arange(9, dtype=np.uint8).reshape(3, 3)),
     protocol.Tiles("ab12", IDS, np.arange(3 * 16, dtype=np.uint8).reshape(3, 4, 4)),
+    protocol.Tiles("ab12", IDS, np.zeros((3, 4, 4), np.uint8), beside=True),
     protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
     protocol.Error("no such scalar"),
     protocol.ViewState({"exposure": 2}),

@@ -18,11 +18,13 @@ from luxel.errors import ProtocolError
 __all__ = [
     "CLIENT_BYTES_MAX",
     "SUBPROTOCOL",
+    "BesideState",
     "ClientMessage",
     "Coarse",
     "CodecState",
     "Colormap",
     "ColormapRequest",
+    "Compare",
     "Confirm",
     "Error",
     "Geometry",
@@ -48,7 +50,7 @@ __all__ = [
     "decode_client",
 ]
 
-SUBPROTOCOL = "luxel.v3"
+SUBPROTOCOL = "luxel.v4"
 #: Longest message that a client may send: the ids of two million visible particles.
 CLIENT_BYTES_MAX = 8 << 20
 _TEXT_MAX = 4000
@@ -112,14 +114,15 @@ class Confirm(Message):
 
     Parameters
     ----------
-    batches, coarse, parts
-        Of tiles, of first light, and of baked textures.
+    batches, coarse, parts, beside
+        Of tiles, of first light, of baked textures, and of tiles of the light that is compared with.
     """
 
     kind: ClassVar[int] = 3
     batches: int
     coarse: int
     parts: int = 0
+    beside: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +211,14 @@ class Inspect(Message):
     id: int
 
 
+@dataclass(frozen=True, eq=False)
+class Compare(Message):
+    """Light the scene under a second shading model as well, for this page to show beside the first; None ends that."""
+
+    kind: ClassVar[int] = 60
+    model: str | None = None
+
+
 # From the server ----------------------------------------------------------------------------------------------------
 
 
@@ -293,6 +304,13 @@ class LightState(Message):
 
 
 @dataclass(frozen=True, eq=False)
+class BesideState(LightState):
+    """The light that is compared with; sent to pages that asked for one."""
+
+    kind: ClassVar[int] = 61
+
+
+@dataclass(frozen=True, eq=False)
 class Geometry(Message):
     """A part of the particles: those from `start` on.
 
@@ -336,12 +354,13 @@ class Colormap(Message):
 
 @dataclass(frozen=True, eq=False)
 class Tiles(Message):
-    """Luminance textures: (K,) int32 ids and (K, texels, texels) uint8 codes under the light `key`."""
+    """Luminance textures: (K,) int32 ids and (K, texels, texels) uint8 codes under the light `key`, which may be the one compared with."""
 
     kind: ClassVar[int] = 21
     key: str
     ids: NDArray[np.int32]
     codes: NDArray[np.uint8]
+    beside: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -477,12 +496,14 @@ ClientMessage = (
     | SetView
     | LoadView
     | Inspect
+    | Compare
 )
 _SERVER_KINDS: dict[int, type[Message]] = {
     each.kind: each
     for each in (
         SceneState,
         LightState,
+        BesideState,
         Geometry,
         Scalar,
         Colormap,
@@ -516,7 +537,7 @@ def decode_client(data: bytes) -> ClientMessage:
             eye = _numbers(head, "eye", 3)
             return Sighted(_text(head, "key", 128), _ids(arrays), (eye[0], eye[1], eye[2]))
         case Confirm.kind:
-            return Confirm(*(_whole(head, name) for name in ("batches", "coarse", "parts")))
+            return Confirm(*(_whole(head, name) for name in ("batches", "coarse", "parts", "beside")))
         case SetLight.kind:
             sun = None if head.get("sun") is None else _numbers(head, "sun", 4)
             return SetLight(
@@ -542,6 +563,8 @@ def decode_client(data: bytes) -> ClientMessage:
             return LoadView(_object(head, "saved"))
         case Inspect.kind:
             return Inspect(_whole(head, "id"))
+        case Compare.kind:
+            return Compare(None if head.get("model") is None else _text(head, "model", 64))
     raise ProtocolError(f"message of unknown kind {kind}")
 
 

@@ -58,6 +58,8 @@ export class Notices {
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
       if (app.light.store.dropped) parts.push("texture memory full");
     }
+    const other = app.beside.counts();
+    if (other && other.model !== "lambertian") parts.push(other.ready >= visible ? "right side lit" : `${n(other.ready)} lit on the right`);
     if (this.fps >= 0.5) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
     app.element("counts").textContent = parts.join("  ·  ");
     /** @type {HTMLProgressElement} */
@@ -78,6 +80,6 @@ export class Notices {
     const banner = this.app.element("banner");
     banner.textContent = [...this.troubles.values()].join("\n");
     banner.hidden = this.troubles.size === 0;
-    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => key === "notice" || key === "waiting"));
+    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => ["notice", "waiting", "study"].includes(key)));
   }
 }

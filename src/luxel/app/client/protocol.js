@@ -1,6 +1,6 @@
 // Messages to and from the server; the other half of app/protocol.py, which describes the format.
 
-export const SUBPROTOCOL = "luxel.v3";
+export const SUBPROTOCOL = "luxel.v4";
 
 /** Kinds of messages, as numbered in app/protocol.py. */
 export const KIND = {
@@ -8,6 +8,7 @@ export const KIND = {
   scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24,
   codec: 32, payload: 33,
   setView: 40, loadView: 41, inspect: 42, view: 50, particle: 51,
+  compare: 60, beside: 61,
 };
 
 /** @typedef {Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array | Int8Array} Values */
