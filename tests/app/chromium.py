@@ -254,7 +254,7 @@ class Page:
         self.close()
 
     def _mouse(self, kind: str, at: tuple[float, ...], buttons: int) -> None:
-        button = "left" if kind != "mouseMoved" else "none"
+        button = "left" if buttons or kind == "mouseReleased" else "none"
         self.call(
             "Input.dispatchMouseEvent",
             type=kind,

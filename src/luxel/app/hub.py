@@ -67,6 +67,7 @@ class Hub:
         self._epoch = 0
         self._particles: Particles | None = None
         self._key = ""
+        self._key_beside: str | None = None
         self._baked: BakedFrame | None = None  # what pages get whole, instead of tiles
         self._baked_read = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -102,6 +103,7 @@ class Hub:
         self.pages.discard(page)
         self._streaming.leave(page)
         await asyncio.to_thread(self.session.forget, page.name)
+        await self._compare(page, None)
 
     async def receive(self, page: Page, data: bytes) -> None:
         """Act on a message from a page.
@@ -138,6 +140,12 @@ class Hub:
             if len(batch.ids):
                 return protocol.Tiles(self._key, batch.ids, batch.codes)
             page.feed.withdraw()  # evicted meanwhile; the page will ask again
+        key = self._key_beside
+        while page.compares and key is not None and (ids := page.beside.take()) is not None:
+            batch = self.session.tiles(ids, key)
+            if len(batch.ids):
+                return protocol.Tiles(key, batch.ids, batch.codes, beside=True)
+            page.beside.withdraw()
         if self._baked is not None and (block := page.parts.take()) is not None:
             return baked.payload(self._baked, block)
         return None
@@ -159,6 +167,7 @@ class Hub:
                 page.feed.confirm(message.batches)
                 page.coarse.confirm(message.coarse)
                 page.parts.confirm(message.parts)
+                page.beside.confirm(message.beside)
                 page.wake.set()
             case protocol.SetLight():
                 await self._set_light(message)
@@ -180,6 +189,8 @@ class Hub:
             case protocol.Inspect():
                 told = state.particle(self.session.particles, message.id, self._epoch)
                 page.post("particle", lambda: told)
+            case protocol.Compare():
+                await self._compare(page, message.model)
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
             case protocol.DrawBy():
@@ -198,7 +209,8 @@ class Hub:
     async def _sighted(self, page: Page, message: protocol.Sighted) -> None:
         await self._catch_up()
         particles = self._particles
-        if message.key != self._key or particles is None:
+        beside = message.key != self._key and page.compares and message.key == self._key_beside
+        if not (beside or message.key == self._key) or particles is None:
             return  # it crossed a change of light on its way
         ids = np.unique(message.ids)
         if len(ids) and (ids[0] < 0 or ids[-1] >= len(particles)):
@@ -206,10 +218,18 @@ class Hub:
         if self._baked is not None:
             page.parts.want(ids)
             return
-        page.feed.want(ids)
-        page.coarse.want(ids)
         spheres = SphereSet.of(particles)
         eye = spheres.center + spheres.unit * np.asarray(message.eye)
+        if beside:
+            page.beside.want(ids)
+            await asyncio.to_thread(self.session.sighted, ids, eye, _beside(page), message.key)
+            ready = await asyncio.to_thread(self.session.tiles, ids, message.key)
+            if message.key == self._key_beside:
+                page.beside.publish(ready.ids)
+                page.wake.set()
+            return
+        page.feed.want(ids)
+        page.coarse.want(ids)
         await asyncio.to_thread(self.session.sighted, ids, eye, page.name, message.key)
         ready = await asyncio.to_thread(self.session.tiles, ids, message.key)
         first = await asyncio.to_thread(self.session.first_light, ids, message.key)
@@ -238,6 +258,26 @@ class Hub:
         await asyncio.to_thread(functools.partial(self.session.relight, **changes))
         await self._catch_up()
 
+    async def _compare(self, page: Page, model: str | None) -> None:
+        """Show a page another model beside the session's, or no longer; the second model is the same on all pages that compare."""
+        before, page.compares = page.compares, model is not None
+        if model is None:
+            page.beside.reset(0)
+            if before:
+                await asyncio.to_thread(self.session.forget, _beside(page))
+            if before and not any(each.compares for each in self.pages):
+                await asyncio.to_thread(self.session.compare, None)
+                self._key_beside = None
+            return
+        try:
+            await asyncio.to_thread(self.session.compare, model)  # type: ignore[arg-type]
+        except LuxelError:
+            page.compares = before
+            raise
+        await self._catch_up()
+        if not before:
+            self._introduce_beside(page)
+
     async def _load_view(self, page: Page, data: Mapping[str, Any]) -> None:
         """Show a saved view: its light and frame on all pages, its camera and colours on this one."""
         view, note = await asyncio.to_thread(lambda: state.restore(self.session, SavedView.from_json(data)))
@@ -257,6 +297,7 @@ class Hub:
             if particles is self._particles:
                 return  # two pages came at once, and all is told already
             self._particles, self._key = particles, session.key
+            self._key_beside = session.key_beside
             self._epoch += 1
             self._streaming.epoch = self._epoch
             stored = session.stored
@@ -270,7 +311,8 @@ class Hub:
                     self._streaming.dropped(page)
                     self._introduce(page)
             self._streaming.news()
-        elif session.key != self._key:
+            return
+        if session.key != self._key:
             self._key = session.key
             self._streaming.news()
             made = state.light_state(session)
@@ -279,6 +321,18 @@ class Hub:
                     page.reset(len(session.particles))
                     page.post("light", lambda: made)
             self._status_soon()
+        if session.key_beside != self._key_beside:
+            self._key_beside = session.key_beside
+            for page in self.pages:
+                if page.compares:
+                    self._introduce_beside(page)
+
+    def _introduce_beside(self, page: Page) -> None:
+        """Post the light that is compared with."""
+        made = state.beside_state(self.session)
+        if made is not None:
+            page.beside.reset(len(self.session.particles))
+            page.post("beside", lambda: made)
 
     def _introduce(self, page: Page) -> None:
         """Post the whole scene."""
@@ -289,6 +343,8 @@ class Hub:
         page.post("scene", scene)
         page.post("light", functools.partial(state.light_state, self.session))
         page.post("status", functools.partial(state.status, self.session))
+        if page.compares:
+            self._introduce_beside(page)
         if page.streamed:
             return
         page.epoch = epoch
@@ -333,6 +389,10 @@ class Hub:
                 feed = page.coarse if isinstance(batch, CoarseBatch) else page.feed
                 if feed.publish(batch.ids):
                     page.wake.set()
+        elif batch.key == self._key_beside:
+            for page in self.pages:
+                if page.beside.publish(batch.ids):
+                    page.wake.set()
         self._status_soon()
 
     def _status_soon(self, period_s: float = _STATUS_PERIOD_S) -> None:
@@ -347,7 +407,8 @@ class Hub:
     def _send_status(self) -> None:
         self._status_timer = None
         session = self.session
-        if session.particles.unscaled is not self._particles or session.key != self._key:
+        keys = session.key, session.key_beside
+        if session.particles.unscaled is not self._particles or keys != (self._key, self._key_beside):
             self._chase = asyncio.ensure_future(self._catch_up())  # changed from Python, not by a page
         now = state.status(session)
         if self._status_sent is None or vars(now) != vars(self._status_sent):
@@ -358,6 +419,11 @@ class Hub:
         self._status_soon(
             _STATUS_PERIOD_S if now.queued or now.baking or now.textures_per_s else _IDLE_PERIOD_S
         )
+
+
+def _beside(page: Page) -> str:
+    """Name under which a page looks at the light that is compared with."""
+    return f"{page.name}, beside"
 
 
 def _same(message: protocol.Message) -> protocol.Message:

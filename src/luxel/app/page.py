@@ -27,6 +27,8 @@ class Page:
         self.feed = Feed()
         self.coarse = Feed(_COARSE_COUNT, once=True)
         self.parts = baked.PartFeed()
+        self.beside = Feed()  # tiles of the light that is compared with
+        self.compares = False
         self.download = Download()
         self.greeted = False
         self.streamed = False  # whether the server draws for it
@@ -44,6 +46,7 @@ class Page:
     def reset(self, count: int) -> None:
         """Forget what it wants and has: another light, or another data set of `count` particles."""
         self.feed.reset(count)
+        self.beside.reset(count)
         self.coarse.reset(count)
         self.parts.reset()
 

@@ -13,6 +13,7 @@ from luxel.app.message import KEY_MAX, NAME_MAX, Given, PageMessage, drawer
 
 __all__ = [
     "ColormapRequest",
+    "Compare",
     "Confirm",
     "Hello",
     "Inspect",
@@ -82,19 +83,20 @@ class Confirm(PageMessage):
 
     Parameters
     ----------
-    batches, coarse, parts
-        Of tiles, of first light, and of baked textures.
+    batches, coarse, parts, beside
+        Of tiles, of first light, of baked textures, and of tiles of the light that is compared with.
     """
 
     kind: ClassVar[int] = 3
     batches: int
     coarse: int
     parts: int = 0
+    beside: int = 0
 
     @classmethod
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
-        return cls(given.whole("batches"), given.whole("coarse"), given.whole("parts"))
+        return cls(*(given.whole(name) for name in ("batches", "coarse", "parts", "beside")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,3 +232,16 @@ class Inspect(PageMessage):
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
         return cls(given.whole("id"))
+
+
+@dataclass(frozen=True, eq=False)
+class Compare(PageMessage):
+    """Light the scene under a second shading model as well, for this page to show beside the first; None ends that."""
+
+    kind: ClassVar[int] = 60
+    model: str | None = None
+
+    @classmethod
+    def read(cls, given: Given) -> Self:
+        """See :meth:`PageMessage.read`."""
+        return cls(given.text("model", 64) if given.has("model") else None)

@@ -10,6 +10,7 @@ from typing import get_args
 from luxel.app.message import Given, Message, PageMessage
 from luxel.app.page_messages import (
     ColormapRequest,
+    Compare,
     Confirm,
     Hello,
     Inspect,
@@ -22,6 +23,7 @@ from luxel.app.page_messages import (
     Sighted,
 )
 from luxel.app.server_messages import (
+    BesideState,
     Coarse,
     CodecState,
     Colormap,
@@ -56,12 +58,14 @@ from luxel.errors import ProtocolError
 __all__ = [
     "CLIENT_BYTES_MAX",
     "SUBPROTOCOL",
+    "BesideState",
     "CancelScreenshot",
     "ClientMessage",
     "Coarse",
     "CodecState",
     "Colormap",
     "ColormapRequest",
+    "Compare",
     "Confirm",
     "ConfirmFrame",
     "ConfirmParts",
@@ -99,7 +103,7 @@ __all__ = [
     "decode_client",
 ]
 
-SUBPROTOCOL = "luxel.v3"
+SUBPROTOCOL = "luxel.v4"
 #: Longest message that a client may send: the ids of two million visible particles.
 CLIENT_BYTES_MAX = 8 << 20
 
@@ -115,6 +119,7 @@ ClientMessage = (
     | SetView
     | LoadView
     | Inspect
+    | Compare
     | DrawBy
     | Stream
     | StopStream
@@ -130,6 +135,7 @@ _SERVER_KINDS: dict[int, type[Message]] = {
     for each in (
         SceneState,
         LightState,
+        BesideState,
         Geometry,
         Scalar,
         Colormap,

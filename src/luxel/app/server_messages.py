@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from luxel.app.message import Message
 
 __all__ = [
+    "BesideState",
     "Coarse",
     "CodecState",
     "Colormap",
@@ -113,6 +114,13 @@ class LightState(Message):
 
 
 @dataclass(frozen=True, eq=False)
+class BesideState(LightState):
+    """The light that is compared with; sent to pages that asked for one."""
+
+    kind: ClassVar[int] = 61
+
+
+@dataclass(frozen=True, eq=False)
 class Geometry(Message):
     """A part of the particles: those from `start` on.
 
@@ -158,12 +166,13 @@ class Colormap(Message):
 
 @dataclass(frozen=True, eq=False)
 class Tiles(Message):
-    """Luminance textures: (K,) int32 ids and (K, texels, texels) uint8 codes under the light `key`."""
+    """Luminance textures: (K,) int32 ids and (K, texels, texels) uint8 codes under the light `key`, which may be the one compared with."""
 
     kind: ClassVar[int] = 21
     key: str
     ids: NDArray[np.int32]
     codes: NDArray[np.uint8]
+    beside: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from luxel.particles import Particles
 from luxel.scene.colormap import colormap_names
 from luxel.scene.lights import Light, Sky, Sun, Up, sun_direction, up_frame
 from luxel.scene.saved import Lighting, SavedView
-from luxel.scene.scene import MODELS
+from luxel.scene.scene import MODELS, Scene
 from luxel.scene.view import View
 from luxel.session import Session
 from luxel.textures.spec import light_key
@@ -26,6 +26,7 @@ from luxel.textures.textures import decoding_table
 from luxel.trace.spheres import SphereSet
 
 __all__ = [
+    "beside_state",
     "colormap",
     "geometry",
     "light_state",
@@ -110,7 +111,16 @@ def scene_state(
 def light_state(session: Session) -> protocol.LightState:
     """Describe the light, in normalised units."""
     # One read of the scene, so that key and lights belong together even if another thread relights now.
-    scene = session.scene
+    return _light_of(session.scene, session)
+
+
+def beside_state(session: Session) -> protocol.BesideState | None:
+    """Describe the light that is compared with; None while there is none."""
+    scene = session.scene_beside
+    return None if scene is None else protocol.BesideState(**vars(_light_of(scene, session)))
+
+
+def _light_of(scene: Scene, session: Session) -> protocol.LightState:
     lights = pack_lights(scene, SphereSet.of(scene.particles))
     return protocol.LightState(
         key=light_key(scene, session.spec),

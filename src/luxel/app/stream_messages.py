@@ -43,7 +43,7 @@ SCREENSHOT_SIDE_MAX = 8192
 class DrawBy(PageMessage):
     """Who draws from now on: ``"browser"``, which needs positions and textures, or ``"server"``."""
 
-    kind: ClassVar[int] = 60
+    kind: ClassVar[int] = 70
     by: str
 
     @classmethod
@@ -70,7 +70,7 @@ class Stream(PageMessage):
         Names the message, for the page; pictures say which one they answer.
     """
 
-    kind: ClassVar[int] = 61
+    kind: ClassVar[int] = 71
     view: Mapping[str, Any]
     width: int
     height: int
@@ -94,14 +94,14 @@ class Stream(PageMessage):
 class StopStream(PageMessage):
     """Nobody looks at the page now: send no pictures."""
 
-    kind: ClassVar[int] = 62
+    kind: ClassVar[int] = 72
 
 
 @dataclass(frozen=True, eq=False)
 class ConfirmFrame(PageMessage):
     """The page shows frame number `frame`; what was sent before it counts as taken in too."""
 
-    kind: ClassVar[int] = 63
+    kind: ClassVar[int] = 73
     frame: int
 
     @classmethod
@@ -122,7 +122,7 @@ class PickAt(PageMessage):
         In [0, 1]: from the left and from the top.
     """
 
-    kind: ClassVar[int] = 64
+    kind: ClassVar[int] = 74
     view: Mapping[str, Any]
     width: int
     height: int
@@ -150,7 +150,7 @@ class TakeScreenshot(PageMessage):
         In pixels.
     """
 
-    kind: ClassVar[int] = 65
+    kind: ClassVar[int] = 75
     view: Mapping[str, Any]
     width: int
     height: int
@@ -166,14 +166,14 @@ class TakeScreenshot(PageMessage):
 class CancelScreenshot(PageMessage):
     """The page does not want its screenshot any more."""
 
-    kind: ClassVar[int] = 66
+    kind: ClassVar[int] = 76
 
 
 @dataclass(frozen=True, eq=False)
 class ConfirmParts(PageMessage):
     """The page has taken in so many parts of screenshots since it connected."""
 
-    kind: ClassVar[int] = 67
+    kind: ClassVar[int] = 77
     parts: int
 
     @classmethod
@@ -216,7 +216,7 @@ class StreamedFrame(Message):
         Particles in sight, and how many of them show a texture, and first light.
     """
 
-    kind: ClassVar[int] = 70
+    kind: ClassVar[int] = 80
     frame: int
     wish: int
     key: str
@@ -243,7 +243,7 @@ class Picked(Message):
         In normalised units, as it is drawn.
     """
 
-    kind: ClassVar[int] = 71
+    kind: ClassVar[int] = 81
     epoch: int
     id: int
     center: tuple[float, float, float]
@@ -254,7 +254,7 @@ class Picked(Message):
 class ScreenshotState(Message):
     """How much of a screenshot is drawn: `done` of `total`; both 0 when there will be none, after an error."""
 
-    kind: ClassVar[int] = 72
+    kind: ClassVar[int] = 82
     done: int
     total: int
 
@@ -263,7 +263,7 @@ class ScreenshotState(Message):
 class ScreenshotPart(Message):
     """A part of a PNG file of `size` bytes: those from `start` on."""
 
-    kind: ClassVar[int] = 73
+    kind: ClassVar[int] = 83
     start: int
     size: int
     data: NDArray[np.uint8]

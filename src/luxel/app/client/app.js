@@ -1,5 +1,6 @@
 // The app: wires connection, data, picture and controls together, inside one element of whatever page it is in.
 
+import { Beside } from "./beside.js";
 import { Coloring } from "./coloring.js";
 import { Controls } from "./controls.js";
 import { finder } from "./dom.js";
@@ -8,11 +9,13 @@ import { Illumination } from "./illumination.js";
 import { Notices } from "./notices.js";
 import { Panel } from "./panel.js";
 import { Pick } from "./pick.js";
+import { Player } from "./player.js";
 import { KIND, decode, encode } from "./protocol.js";
 import { Remote } from "./remote.js";
 import { SavedViews } from "./saved.js";
 import { Screenshot } from "./screenshot.js";
 import { Spheres } from "./spheres.js";
+import { Study } from "./study.js";
 import { Viewpoint } from "./viewpoint.js";
 import { cameraFromFile } from "./views.js";
 
@@ -42,6 +45,9 @@ export class App {
     this.remote = new Remote(this);
     this.screenshot = new Screenshot(this);
     this.drawing = new Drawing(this);
+    this.beside = new Beside(this);
+    this.player = new Player(this);
+    this.study = new Study(this);
     this.pick = new Pick(root, {
       inspect: (id) => this.connection.send(encode(KIND.inspect, { id })),
       shown: () => this.spheres.shown,
@@ -65,6 +71,7 @@ export class App {
       this.remote.connected();
       this.screenshot.connected();
       this.connection.send(encode(KIND.hello, { renderer: this.drawing.renderer.name.slice(0, 400), by: this.remote.by }));
+      this.beside.connected();
     };
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.coloring.drawBar(), { signal: this.closing.signal });
     this.drawing.resize();
@@ -77,7 +84,8 @@ export class App {
       color: () => this.coloring.changed(),
       tone: () => this.coloring.toneChanged(),
       light: (change) => this.light.send(change),
-      frame: (frame) => this.connection.send(encode(KIND.setFrame, { frame })),
+      frame: (frame) => this.askForFrame(frame),
+      play: () => this.player.toggle(),
       fit: () => this.viewpoint.fit(),
       axis: (axis, negative) => this.viewpoint.axisView(axis, negative),
       projection: () => this.viewpoint.toggleProjection(),
@@ -97,6 +105,7 @@ export class App {
   close() {
     this.closing.abort();
     this.light.close();
+    this.player.stop();
     this.connection.onmessage = this.connection.onopen = this.connection.ontrouble = null;
     this.connection.close();
     // Browsers keep few graphics contexts, and collect those without owner late.
@@ -116,7 +125,8 @@ export class App {
       case KIND.codec: return this.light.takeCodec(head, arrays);
       case KIND.payload: return this.light.takePayload(head, arrays);
       case KIND.status: return this.notices.takeStatus(head);
-      case KIND.error: return this.notices.trouble("server", head.text, true);
+      case KIND.error: return this.takeError(head.text);
+      case KIND.beside: return this.beside.take(head, arrays);
       case KIND.view: return this.saved.take(head.view);
       case KIND.frame: return this.remote.take(head, arrays);
       case KIND.picked: return this.remote.takePicked(head);
@@ -137,6 +147,9 @@ export class App {
     this.coloring.reset();
     drawing.guard(() => drawing.renderer.setScene(held, reach(head)));
     this.light.reset({ ...head, count: held });
+    this.beside.reset({ ...head, count: held });
+    this.player.take(head.frame);
+    if (again) drawing.hold();
     if (this.pick.id >= 0) this.pick.set(again && this.pick.id < head.count ? this.pick.id : -1);
     this.panel.setScene(head, again);
     this.notices.trouble("notice", head.notice || null);
@@ -147,6 +160,17 @@ export class App {
     drawing.film.restart();
     this.coloring.changed();
     this.coloring.toneChanged();
+  }
+
+  /** @param {string} text */
+  takeError(text) {
+    this.notices.trouble("server", text, true);
+    this.player.failed();
+  }
+
+  /** Show another time step. @param {number} frame */
+  askForFrame(frame) {
+    this.connection.send(encode(KIND.setFrame, { frame }));
   }
 
   /** Write to the server's log. @param {string} text */

@@ -19,6 +19,11 @@ export class Coloring {
     this.current = "";
   }
 
+  /** Whether values or the map that should be shown have not come yet. */
+  get waiting() {
+    return this.app.panel.settings.colorBy !== null && this.current === "";
+  }
+
   get look() {
     return this.app.drawing.renderer.look;
   }

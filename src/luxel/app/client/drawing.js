@@ -9,6 +9,7 @@ import { Renderer } from "./renderer.js";
 /** @typedef {import("./app.js").App} App */
 
 const PIXELS_MAX = 4_000_000;
+const HOLD_MS = 1000; // for which the last picture stays until the next time step is all there
 
 export class Drawing {
   /** @param {App} app */
@@ -23,6 +24,7 @@ export class Drawing {
     this.renderer = this.makeRenderer();
     this.film = this.makeFilm();
     this.scheduled = false;
+    this.heldUntil = 0;
     const { signal } = app.closing;
     this.canvas.addEventListener("webglcontextlost", (event) => {
       if (signal.aborted) return;
@@ -100,10 +102,24 @@ export class Drawing {
   step() {
     if (this.app.remote.active) return this.app.remote.step();
     if (this.renderer.gl.isContextLost()) return;
+    const { app } = this;
+    if (this.held) return this.schedule();
     this.upload();
     const more = this.film.step();
-    this.app.notices.tick();
+    app.notices.tick();
+    app.player.tick();
+    app.study.tick();
     if (more) this.schedule();
+  }
+
+  /** Rather show the last time step a little longer than half of the next. */
+  hold() {
+    this.heldUntil = performance.now() + HOLD_MS;
+  }
+
+  get held() {
+    const { spheres: { shown }, coloring } = this.app;
+    return this.film.shown === null && (shown.loaded < shown.count || coloring.waiting) && performance.now() < this.heldUntil;
   }
 
   /** Send what light came to the graphics processor. */
@@ -136,6 +152,7 @@ export class Drawing {
         app.spheres.flush();
       }
       app.light.restore();
+      app.beside.restore();
       app.coloring.current = "";
       if (app.viewpoint.camera !== null) app.viewpoint.set(app.viewpoint.camera);
       app.coloring.changed();

@@ -21,11 +21,12 @@ export function handle(app) {
       const { drawing: { renderer, film, canvas }, light, notices } = app;
       return {
         ...light.counts(),
-        requested: light.sight.requested, received: light.received, evicted: light.store.evicted, dropped: light.store.dropped,
+        requested: light.requests.count, received: light.received, evicted: light.store.evicted, dropped: light.store.dropped,
         baked: light.baked?.description.kind ?? null,
         known: film.listed.central, settled: film.settled, particles: app.scene?.count ?? 0, loaded: renderer.loaded,
         samples: film.shown?.count ?? 0, frames: renderer.frameCount, frameMs: renderer.frameMs, fps: notices.fps,
         width: canvas.width, height: canvas.height, key: light.state?.key ?? "", model: light.state?.model ?? "",
+        beside: app.beside.counts(), split: renderer.split, playing: app.player.playing, frame: app.scene?.frame ?? -1,
         coloring: app.coloring.current, hidden: app.spheres.shown.hiddenCount, connected: app.connection.connected,
         troubles: Object.fromEntries(notices.troubles), renderer: renderer.name,
       };

@@ -4,12 +4,11 @@ import { CoarseStore } from "./coarse.js";
 import { BakedStore } from "./codecs.js";
 import { KIND, encode } from "./protocol.js";
 import { PARTICLES_WIDTH } from "./renderer.js";
-import { Sight } from "./sight.js";
-import { TileStore } from "./tiles.js";
+import { Requests, Sight } from "./sight.js";
+import { ATLAS_BYTES, TileStore } from "./tiles.js";
 
 /** @typedef {import("./app.js").App} App */
 
-const ATLAS_BYTES = 64 << 20;
 const ASK_MS = 200;
 
 export class Illumination {
@@ -23,8 +22,9 @@ export class Illumination {
     /** Textures that need no server, once they have come. @type {BakedStore | null} */
     this.baked = null;
     this.sight = new Sight(0);
+    this.requests = new Requests(this.sight);
     this.timer = 0;
-    this.confirmed = { batches: 0, coarse: 0, parts: 0 };
+    this.confirmed = { batches: 0, coarse: 0, parts: 0, beside: 0 };
     this.received = 0;
   }
 
@@ -43,7 +43,14 @@ export class Illumination {
     this.coarse = new CoarseStore(scene.count, PARTICLES_WIDTH);
     this.baked = null;
     this.app.drawing.guard(() => this.set.setTiles(this.tiles, this.coarse, scene));
-    this.sight = new Sight(scene.count);
+    this.look(scene.count);
+  }
+
+  /** Begin to gather anew what is visible. @param {number} count particles */
+  look(count) {
+    this.sight = new Sight(count);
+    this.requests = new Requests(this.sight);
+    this.app.beside.look();
   }
 
   /** @param {any} head @param {Record<string, any>} arrays */
@@ -55,7 +62,9 @@ export class Illumination {
     this.tiles.setLight(head.key, arrays.decoding);
     this.coarse.setLight(head.key);
     app.panel.setLight(head);
-    this.sight.askAgain();
+    app.beside.follow();
+    app.study.offer();
+    this.requests.again();
     app.drawing.film.lightChanged();
     app.coloring.toneChanged();
     this.ask();
@@ -77,11 +86,12 @@ export class Illumination {
       this.set.setBaked(this.baked);
     }
     if (this.state !== null) this.apply();
-    this.sight = new Sight(scene?.count ?? 0);
+    this.look(scene?.count ?? 0);
   }
 
   /** @param {any} head @param {Record<string, any>} arrays */
   takeTiles(head, arrays) {
+    if (head.beside) return this.app.beside.takeTiles(head, arrays);
     this.confirm("batches");
     this.received += arrays.ids.length;
     if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => this.sight.isVisible(id))) this.app.drawing.lightChanged();
@@ -101,7 +111,7 @@ export class Illumination {
     const { mapping } = this.app.scene;
     this.baked = new BakedStore({ ...head.description, mapping, particles: head.particles, part: head.part, payload_bytes: head.payload_bytes }, arrays);
     this.app.drawing.guard(() => this.set.setBaked(this.baked));
-    this.sight.askAgain();
+    this.requests.again();
     this.app.drawing.lightChanged();
   }
 
@@ -119,7 +129,7 @@ export class Illumination {
     this.app.notices.trouble("notice", null);
   }
 
-  /** Make room for more messages of a kind. @param {"batches" | "coarse" | "parts"} which */
+  /** Make room for more messages of a kind. @param {"batches" | "coarse" | "parts" | "beside"} which */
   confirm(which) {
     this.confirmed[which]++;
     this.app.connection.send(encode(KIND.confirm, this.confirmed));
@@ -127,7 +137,7 @@ export class Illumination {
 
   /** A new connection: it has confirmed nothing. */
   connected() {
-    this.confirmed = { batches: 0, coarse: 0, parts: 0 };
+    this.confirmed = { batches: 0, coarse: 0, parts: 0, beside: 0 };
   }
 
   /** Change the light. @param {{model?: string, sky?: number, sun?: number[], up?: string, hide?: object[], radius_scale?: number}} change */
@@ -138,11 +148,22 @@ export class Illumination {
   /** Tell the server what is visible and has no light yet. */
   ask() {
     clearTimeout(this.timer);
-    const { state, app: { viewpoint: { camera }, connection, remote } } = this;
-    if (remote.active || state === null || state.model === "lambertian" || camera === null || this.baked?.complete) return;
-    const ids = this.sight.request(this.store, performance.now());
-    if (this.sight.waiting) this.timer = setTimeout(() => this.ask(), ASK_MS);
-    if (ids !== null && ids.length) connection.send(encode(KIND.sighted, { key: state.key, eye: camera.eye }, { ids: ids.slice() }));
+    const { state, baked, app: { beside, remote } } = this;
+    if (remote.active) return;
+    const lit = state === null || state.model === "lambertian" || baked?.complete;
+    const waiting = !lit && this.askFor(state.key, this.requests, this.store);
+    const { tiles } = beside;
+    const waitingBeside = tiles !== null && beside.asks && this.askFor(beside.state.key, beside.requests, tiles);
+    if (waiting || waitingBeside) this.timer = setTimeout(() => this.ask(), ASK_MS);
+  }
+
+  /** @param {string} key @param {Requests} requests @param {import("./sight.js").Store} store @returns {boolean} whether there is more to ask for */
+  askFor(key, requests, store) {
+    const { viewpoint: { camera }, connection } = this.app;
+    if (camera === null) return false;
+    const ids = requests.next(store, performance.now());
+    if (ids?.length) connection.send(encode(KIND.sighted, { key, eye: camera.eye }, { ids: ids.slice() }));
+    return requests.waiting;
   }
 
   counts() {

@@ -3,7 +3,7 @@
 /** @typedef {import("./app.js").App} App */
 
 const PASSING_MS = 8000;
-const MILD = new Set(["notice", "waiting", "drawing"]); // causes that are no trouble
+const MILD = new Set(["notice", "waiting", "study", "drawing"]); // causes that are no trouble
 const PERIOD_MS = 500; // between two status lines while frames are drawn
 const FPS_MS = 400; // over which frames are counted
 
@@ -59,6 +59,8 @@ export class Notices {
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
       if (app.light.store.dropped) parts.push("texture memory full");
     }
+    const other = app.remote.active ? null : app.beside.counts();
+    if (other && other.model !== "lambertian") parts.push(other.ready >= visible ? "right side lit" : `${n(other.ready)} lit on the right`);
     if (app.remote.active) parts.push("drawn by the server");
     if (this.fps >= 0.5 && !app.remote.shown?.final) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
     app.element("counts").textContent = parts.join("  ·  ");

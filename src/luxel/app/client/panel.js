@@ -35,6 +35,7 @@ export { finder };
  * @property {() => void} saveView
  * @property {(text: string) => void} loadView
  * @property {(frame: number) => void} frame
+ * @property {() => void} play or stop playing
  * @property {() => void} fit
  * @property {(axis: string, negative: boolean) => void} axis
  * @property {() => void} projection
@@ -43,7 +44,7 @@ export { finder };
  */
 
 const LIGHT_DELAY_MS = 120; // after the last movement of a slider
-const MODEL_NAMES = /** @type {Record<string, string>} */ ({
+export const MODEL_NAMES = /** @type {Record<string, string>} */ ({
   lambertian: "Lambertian", shadows: "Soft shadows", ao: "Ambient occlusion", interreflection: "Global illumination",
 });
 
@@ -106,10 +107,20 @@ export class Panel {
       button.addEventListener("click", (event) => listener.axis(axis, /** @type {MouseEvent} */ (event).shiftKey));
     }
     on("fold", "click", () => this.fold());
-    root.addEventListener("keydown", (event) => {
-      const typing = event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement;
-      if (event.key === "p" && !typing && !event.ctrlKey && !event.metaKey) this.fold();
-    });
+    root.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** @param {KeyboardEvent} event */
+  key(event) {
+    const { target } = event;
+    const typing = target instanceof HTMLInputElement || target instanceof HTMLSelectElement;
+    if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === "p") this.fold();
+    // On buttons and headings, the space bar means them.
+    else if (event.key === " " && !(target instanceof HTMLElement && target.closest("button, summary"))) {
+      this.listener.play();
+      event.preventDefault();
+    }
   }
 
   fold() {
@@ -172,7 +183,7 @@ export class Panel {
     this.element("summary").textContent = `${scene.count.toLocaleString("en")} particles${time}`;
     this.element("time-part").hidden = scene.frame_count < 2;
     this.element("frame").max = String(scene.frame_count - 1);
-    this.element("frame").value = String(scene.frame);
+    if (!this.changes.frame.pending()) this.element("frame").value = String(scene.frame); // else it is being moved
     this.show();
   }
 

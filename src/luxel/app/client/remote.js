@@ -74,7 +74,7 @@ export class Remote {
     this.set(server);
     if (!server && !app.scene.streamed) {
       app.coloring.forgetRanges(); // those came without values
-      app.light.sight.askAgain();
+      app.light.requests.again();
       app.drawing.film.restart();
     }
     app.notices.show();
@@ -88,6 +88,9 @@ export class Remote {
     if (!active) this.shown = this.picture = null;
     this.canvas.hidden = this.picture === null;
     this.app.element("drawn-by").value = active ? "server" : "browser";
+    // One light is streamed.
+    if (active) this.app.beside.choose("");
+    this.app.element("beside").disabled = active;
   }
 
   /** Ask for what is to be seen now, if it is not what was asked for last. */
@@ -154,6 +157,8 @@ export class Remote {
     if (head.ready || head.coarse) this.app.notices.trouble("notice", null);
     this.app.notices.tick();
     if (head.final) this.app.notices.show();
+    this.app.player.tick();
+    this.app.study.tick();
   }
 
   /** @param {ImageBitmap} bitmap */

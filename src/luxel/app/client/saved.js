@@ -44,6 +44,7 @@ export class SavedViews {
 
   /** Show what the server found good. @param {any} view as of View.to_json() */
   take(view) {
+    this.app.study.viewTaken();
     const { panel, scene, spheres, viewpoint, coloring } = this.app;
     Object.assign(panel.settings, settingsOf(view));
     panel.refresh();
