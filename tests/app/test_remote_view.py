@@ -72,7 +72,7 @@ def equal(page: Page, viewer: Viewer, look: luxel.View = LOOK) -> np.ndarray:
     expected = luxel.render(
         session.scene, look.with_changes(camera=camera), session.source, size, colorbar=False, key=session.key
     )
-    np.testing.assert_array_equal(remote["pixels"], expected.pixels)
+    np.testing.assert_array_equal(remote["pixels"], expected.pixels, str(remote["shown"]))
     return remote["pixels"]
 
 

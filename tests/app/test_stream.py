@@ -113,23 +113,6 @@ def test_at_rest_the_last_picture_is_that_of_render(session: Session) -> None:
     assert page.step() == (None, math.inf)
 
 
-def test_a_page_that_was_away_for_long_is_not_told_that_this_is_all() -> None:
-    """Requests lapse after two seconds: that nothing is queued then does not mean that there is nothing to come."""
-    now = [0.0]
-    with Session(SCENE, spec=SPEC, threads=0, clock=lambda: now[0]) as session:
-        page = stream(session, lambda: now[0])
-        page.show(wish(look()))
-        while page.step()[1] == 0.0:
-            pass
-        now[0] += 5.0
-        session.run_for(0.01)
-        assert session.status().queued == 0
-        message, wait_s = page.step()
-        assert message is None or not message.final
-        assert not math.isinf(wait_s)
-        assert play(page, session)[-1].final
-
-
 def test_new_colours_and_tone_need_no_light(session: Session) -> None:
     page = stream(session)
     page.show(wish(look()))

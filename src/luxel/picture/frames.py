@@ -44,7 +44,7 @@ Shading = Literal["textures", "lambertian", "shadows"]
 
 _SHADINGS = ("textures", "lambertian", "shadows")
 # Requests of a client that keeps looking elsewhere lapse after two seconds; one that rests repeats itself sooner.
-_TELL_AGAIN_S, _LAPSE_S = 0.5, 2.0
+_TELL_AGAIN_S = 0.5
 _PAUSE_S = 0.1  # between looks for new light, where nobody tells of it
 _TRIES = 16  # to read scene and textures of a session that another thread changes again and again
 _OWN_REFERENCES = 3  # the list's, the loop's, the call's
@@ -316,8 +316,7 @@ class Frames:
             self._forget(len(scene.particles))
         elif slots_digest(self._found[: self._count], table.slot) != self._digest:
             changed = True
-        lately = self._clock() - self._told_s < _LAPSE_S
-        told = lately and self._told == (source.key, self._count)
+        told = self._told == (source.key, self._count)
         drawn = self._next_pass(moved, changed)
         picture = None
         if drawn is not None:
