@@ -113,6 +113,23 @@ def test_at_rest_the_last_picture_is_that_of_render(session: Session) -> None:
     assert page.step() == (None, math.inf)
 
 
+def test_helpers_without_time_keep_no_old_light(session: Session) -> None:
+    """What they would have drawn is over; the last picture has all light nevertheless."""
+    crew = Crew(2)
+    crew.run(lambda: None)
+    busy = threading.Event()
+    assert crew._pool is not None
+    crew._pool.submit(busy.wait)
+    try:
+        page = PageStream(session, "page", crew)
+        page.show(wish(look()))
+        heard = play(page, session, 2000)
+    finally:
+        busy.set()
+        crew.close()
+    assert heard[-1].ready == heard[-1].visible == session.status().ready
+
+
 def test_new_colours_and_tone_need_no_light(session: Session) -> None:
     page = stream(session)
     page.show(wish(look()))

@@ -72,15 +72,24 @@ class Crew:
         if self.threads == 1:
             work()
             return
+        # A helper that has no time before all is done is called off, but stays in the pool's queue for a while. It must not
+        # keep what `work` holds: a table of textures that is held is not brought up to date.
+        jobs = [work]
+
+        def help_out() -> None:
+            for job in jobs:
+                job()
+
         with self._lock:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(self.threads - 1, "luxel-draw")
-            others = [self._pool.submit(work) for _ in range(self.threads - 1)]
+            others = [self._pool.submit(help_out) for _ in range(self.threads - 1)]
         try:
             work()
         finally:
             for other in others:
                 other.cancel()
+            jobs.clear()
         for other in others:
             if not other.cancelled():
                 other.result()
