@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from luxel.textures.store.reader import Baked
     from luxel.textures.textures import TextureSource
 
-__all__ = ["COMMANDS", "open_if_baked", "open_series", "stored_look", "texture_spec"]
+__all__ = ["COMMANDS", "add_picture_options", "open_if_baked", "open_series", "stored_look", "texture_spec"]
 
 
 def _info_options(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +45,8 @@ def _info_options(parser: argparse.ArgumentParser) -> None:
 
 def _render_options(parser: argparse.ArgumentParser) -> None:
     add_file_options(parser)
-    _add_picture_options(parser, "-o", "--output", required=True)
+    _add_output_option(parser, "-o", "--output", required=True)
+    add_picture_options(parser)
     parser.add_argument(
         "--light",
         choices=LIGHTS,
@@ -63,13 +64,14 @@ def _view_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _demo_options(parser: argparse.ArgumentParser) -> None:
-    _add_picture_options(parser, "--render")
+    _add_output_option(parser, "--render")
+    add_picture_options(parser)
     _add_server_options(parser)
     parser.set_defaults(light="texture", json=False)
     add_scene_options(parser, samples=" (default: 1)")
 
 
-def _add_picture_options(parser: argparse.ArgumentParser, *flags: str, required: bool = False) -> None:
+def _add_output_option(parser: argparse.ArgumentParser, *flags: str, required: bool = False) -> None:
     parser.add_argument(
         *flags,
         dest="output",
@@ -77,6 +79,10 @@ def _add_picture_options(parser: argparse.ArgumentParser, *flags: str, required:
         metavar="OUT.png",
         help="the picture to write: .png, .jpg, .webp, .tif or .bmp",
     )
+
+
+def add_picture_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how a picture is drawn: its size, antialiasing, and whether it has a colour bar."""
     parser.add_argument(
         "--size",
         type=picture_size,
