@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import luxel
 from luxel.app.command import Command
 from luxel.app.look_commands import (
     add_picture_options,
@@ -241,7 +242,13 @@ def _about(options: argparse.Namespace, data: _Data, shots: list[Shot]) -> dict[
         "files": [_stamp(path) for path in sorted(options.file)],
     }
     digest = hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
-    return {"data": data.path, "digest": digest, "pictures": len(shots), "size": list(options.size)}
+    return {
+        "luxel": luxel.__version__,
+        "data": data.path,
+        "digest": digest,
+        "pictures": len(shots),
+        "size": list(options.size),
+    }
 
 
 def _stamp(path: str) -> list[Any]:

@@ -32,6 +32,10 @@ _ENCODERS = {
     "h264_videotoolbox": ("-q:v", "70"),
     "mpeg4": ("-q:v", "2"),
 }
+_COLORS = (
+    "scale=out_color_matrix=bt709:out_range=tv,"
+    "setparams=range=tv:colorspace=bt709:color_primaries=bt709:color_trc=bt709"
+)
 
 
 class MovieFile(Protocol):
@@ -213,7 +217,7 @@ class _Mp4:
         with _draft(self._target) as draft, tempfile.TemporaryFile() as complaints:
             command = [
                 self._program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
-                "-framerate", f"{self._fps:g}", "-i", "-", "-vf", "scale=out_color_matrix=bt709:out_range=tv", "-an",
+                "-framerate", f"{self._fps:g}", "-i", "-", "-vf", _COLORS, "-an",
                 "-c:v", self._encoder, *_ENCODERS[self._encoder], "-pix_fmt", "yuv420p", "-colorspace", "bt709",
                 "-color_primaries", "bt709", "-color_trc", "bt709", "-movflags", "+faststart", "-f", "mp4", str(draft),
             ]  # fmt: skip
