@@ -516,7 +516,11 @@ class Session:
     def _show(self, frame: int, scene: Scene) -> str:
         self._lit = self._light(frame, scene)
         if self._beside is not None:
-            self._beside = self._light_beside(self._beside.scene.model)
+            try:
+                self._beside = self._light_beside(self._beside.scene.model)
+            except InputError:  # no room for two any more
+                self._beside = None
+                raise
         return self._lit.key
 
     def _light_beside(self, model: Model) -> _Lit:
