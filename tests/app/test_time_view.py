@@ -125,6 +125,7 @@ def test_a_touch_of_the_slider_stops_it_and_space_toggles(page: Page) -> None:
     assert not page.run("luxel.state().playing")
     page.run("luxel.synced()")
     page.wait("luxel.state().frame === 3", WAIT_S)
+    page.run("document.getElementById('view').focus()")
     page.press(" ")
     assert page.run("luxel.state().playing")
     page.press(" ")
@@ -139,6 +140,14 @@ def test_a_touch_of_the_slider_stops_it_and_space_toggles(page: Page) -> None:
     page.press(" ")
     assert page.run("luxel.state().playing")
     page.run("document.getElementById('fold').click()")
+
+
+def test_keys_step_forth_and_back(page: Page) -> None:
+    page.run("document.getElementById('view').focus()")
+    for key, frame in ((".", 1), (".", 2), (",", 1), (",", 0), (",", STEPS - 1), (".", 0)):
+        page.press(key)
+        page.run("luxel.synced()")
+        page.wait("luxel.state().frame", WAIT_S, lambda now, frame=frame: now == frame)
 
 
 def test_playing_goes_on_after_a_lost_connection(page: Page) -> None:

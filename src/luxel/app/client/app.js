@@ -80,6 +80,7 @@ export class App {
       light: (change) => this.light.send(change),
       frame: (frame) => this.askForFrame(frame),
       play: () => this.player.toggle(),
+      step: (by) => this.player.step(by),
       fit: () => this.viewpoint.fit(),
       axis: (axis, negative) => this.viewpoint.axisView(axis, negative),
       projection: () => this.viewpoint.toggleProjection(),

@@ -58,10 +58,22 @@ export class Player {
   }
 
   next() {
-    const { scene } = this.app;
     this.timer = 0;
     this.begunAt = performance.now();
-    this.awaited = (scene.frame + 1) % scene.frame_count;
+    this.ask(this.app.scene.frame + 1);
+  }
+
+  /** Show the step after or before this one. @param {1 | -1} by */
+  step(by) {
+    const { scene } = this.app;
+    this.stop();
+    if (scene !== null && scene.frame_count > 1) this.ask(scene.frame + by);
+  }
+
+  /** @param {number} frame any number: after the last step comes the first */
+  ask(frame) {
+    const { scene } = this.app;
+    this.awaited = (frame + scene.frame_count) % scene.frame_count;
     this.app.askForFrame(this.awaited);
   }
 
