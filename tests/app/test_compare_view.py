@@ -234,11 +234,13 @@ def test_comparison_survives_a_lost_connection_and_a_lost_graphics_context(
     page: Page, viewer: Viewer, alone: dict[str, np.ndarray]
 ) -> None:
     choose(page, "beside", "shadows")
+    page.run("luxel.app.beside.divider.move(0.25)")
     lit(page, viewer)
     page.run("luxel.app.connection.socket.close()")
+    page.wait("!luxel.state().connected", WAIT_S)
     page.wait("luxel.state().connected && luxel.state().beside", WAIT_S)
     lit(page, viewer)
-    halves(page, alone["interreflection"], alone["shadows"])
+    halves(page, alone["interreflection"], alone["shadows"], MIDDLE // 2)
     page.run(
         "window.lose = luxel.app.drawing.renderer.gl.getExtension('WEBGL_lose_context'), lose.loseContext()"
     )
@@ -246,7 +248,7 @@ def test_comparison_survives_a_lost_connection_and_a_lost_graphics_context(
     page.run("lose.restoreContext()")
     page.wait("!luxel.state().troubles.graphics", WAIT_S)
     lit(page, viewer)
-    halves(page, alone["interreflection"], alone["shadows"])
+    halves(page, alone["interreflection"], alone["shadows"], MIDDLE // 2)
 
 
 def test_what_cannot_be_compared_is_said(page: Page) -> None:
