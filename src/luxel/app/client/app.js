@@ -150,6 +150,7 @@ export class App {
     drawing.film.restart();
     this.coloring.changed();
     this.coloring.toneChanged();
+    this.notices.show();
   }
 
   /** @param {string} text */
