@@ -264,6 +264,8 @@ def _draw(
             **lit,
         )
     image.save(options.output)
+    if image.ids is not None and (image.ids < 0).all():
+        say("note: no particle is in the picture — look at the camera, --cut, --select and --radius")
     taken = time.perf_counter() - started
     if options.json:
         print(
