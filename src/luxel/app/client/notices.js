@@ -48,8 +48,8 @@ export class Notices {
     const n = (/** @type {number} */ x) => x.toLocaleString("en");
     const { loaded, count } = app.spheres.shown;
     const parts = [loaded < count ? `${Math.floor((100 * loaded) / count)} % of the particles are here` : `${n(visible)} visible`];
-    if (loaded < count) {
-      // The rest can be told once they are all here.
+    if (loaded < count || visible === 0) {
+      // The rest can be told once they are all here, and looked at.
     } else if (lambertian) {
       parts.push("no global light");
     } else if (app.light.baked) {

@@ -82,13 +82,16 @@ export class Player {
     if (this.playing) this.awaited = frame;
   }
 
-  /** Something went wrong: if a step was awaited, it does not come. */
+  /** Something went wrong: if a step was awaited, it does not come, and the one after it is tried, as long as there is another. */
   failed() {
-    if (this.playing && this.app.scene.frame !== this.awaited) this.stop();
+    const { scene } = this.app;
+    if (!this.playing || scene.frame === this.awaited) return;
+    const next = (this.awaited + 1) % scene.frame_count;
+    if (next === scene.frame) this.stop();
+    else this.ask(next);
   }
 
   show() {
     this.button.textContent = this.playing ? "Pause" : "Play";
-    this.button.setAttribute("aria-pressed", String(this.playing));
   }
 }
