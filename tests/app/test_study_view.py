@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -169,3 +170,34 @@ def test_a_study_that_cannot_be_is_explained(page: Page, control: str, value: st
     assert page.run("luxel.app.study.run") is None
     assert message in page.run("document.getElementById('banner').textContent")
     choose(page, control, before)
+
+
+def add_files(page: Page, *files: tuple[str, str]) -> None:
+    made = ", ".join(f"new File([{text!r}], {name!r})" for name, text in files)
+    page.run(f"luxel.app.study.addFiles([{made}])")
+
+
+def test_saved_views_are_added_from_files(page: Page) -> None:
+    page.run("document.getElementById('study-clear').click()")
+    view = page.run("luxel.savedView()")
+    for key in ("light", "frame"):
+        del view[key]
+    add_files(page, ("from, above.json", json.dumps(view)), ("notes.json", '{"a": 1}'), ("x.json", "{"))
+    said = page.run("document.getElementById('banner').textContent")
+    assert "x.json" in said
+    assert page.run("document.getElementById('study-views').textContent") == "1 view"
+    page.run("document.getElementById('study-start').click()")
+    for k in range(2):
+        page.wait(TRIAL, WAIT_S, lambda t, k=k: t and t["shown"] and t["count"] == k + 1)
+        page.press("1")
+    page.wait("window.files.length === 1", WAIT_S)
+    rows = list(csv.DictReader(io.StringIO(page.run("files[0]"), newline="")))
+    assert {row["view"] for row in rows} == {"from, above.json"}
+    # One that the server refuses ends the study, and says which it was.
+    page.run("document.getElementById('study-clear').click()")
+    add_files(page, ("other.json", json.dumps({**view, "view": {**view["view"], "color_by": "no such"}})))
+    page.run("document.getElementById('study-start').click()")
+    page.wait("luxel.app.study.run === null", WAIT_S)
+    said = page.run("document.getElementById('banner').textContent")
+    assert "no such" in said
+    assert "other.json cannot be shown" in said

@@ -157,6 +157,7 @@ export class App {
   takeError(text) {
     this.notices.trouble("server", text, true);
     this.player.failed();
+    this.study.failed();
   }
 
   /** Show another time step. @param {number} frame */
