@@ -1,5 +1,5 @@
 # The targets that CI calls, each usable alone inside an environment with '.[test]' installed.
-.PHONY: test lint types imports client examples demo check
+.PHONY: test lint types imports docs client examples demo check
 
 test:
 	pytest
@@ -14,6 +14,9 @@ types:
 imports:
 	lint-imports
 
+docs:
+	python tools/make_api.py --check
+
 client:
 	npm install --no-audit --no-fund --no-package-lock --silent
 	npx --no-install tsc -p tsconfig.json
@@ -25,4 +28,4 @@ demo:
 	mkdir -p out
 	luxel demo --render out/demo.png --size 640x360
 
-check: lint types imports client test examples demo
+check: lint types imports docs client test examples demo

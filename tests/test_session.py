@@ -16,7 +16,7 @@ from luxel.particles import Particles
 from luxel.scene.lights import Sky
 from luxel.scene.scene import Scene
 from luxel.session import Session, Status
-from luxel.textures.spec import TextureSpec, light_key
+from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec, light_key
 
 GUARD_S = 120.0  # only ever waited for when a test is about to fail
 EYE = (10.0, 0.0, 0.0)
@@ -91,7 +91,7 @@ def test_a_scene_brings_its_light():
 
 def test_the_default_spec_is_fast():
     with Session(cloud(), threads=0) as session:
-        assert session.spec == TextureSpec(mode="fast", samples=4)
+        assert session.spec == TextureSpec(mode="fast", samples=DEFAULT_SAMPLES["fast"])
         assert session.encoding == "sqrt"
 
 

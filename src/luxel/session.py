@@ -28,7 +28,7 @@ from luxel.scene.saved import Lighting
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker
 from luxel.textures.estimate import EstimateBaker
-from luxel.textures.spec import TextureSpec, light_key
+from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec, light_key
 from luxel.textures.store.reader import Baked, BakedFrame
 from luxel.textures.store.source import StoredBaker
 from luxel.textures.textures import Encoding, TextureTable, decoding_table
@@ -168,7 +168,7 @@ class Session:
         self._baked = series if isinstance(series, Baked) else None
         if self._baked is not None:
             spec = self._baked.spec
-        self.spec = TextureSpec(mode="fast", samples=4) if spec is None else spec
+        self.spec = TextureSpec(mode="fast", samples=DEFAULT_SAMPLES["fast"]) if spec is None else spec
         self.view = view
         self._thread_count = 0 if threads == 0 else thread_count(threads)
         self._make_baker = Baker if make_baker is None else make_baker
@@ -516,7 +516,11 @@ class Session:
     def _show(self, frame: int, scene: Scene) -> str:
         self._lit = self._light(frame, scene)
         if self._beside is not None:
-            self._beside = self._light_beside(self._beside.scene.model)
+            try:
+                self._beside = self._light_beside(self._beside.scene.model)
+            except InputError:  # no room for two any more
+                self._beside = None
+                raise
         return self._lit.key
 
     def _light_beside(self, model: Model) -> _Lit:

@@ -157,7 +157,7 @@ def test_bake_passes_everything_on(file, tmp_path, monkeypatch, capsys):
     [
         ("--ratio 4", "codec raw keeps every texel"),
         ("--codec mp3", "--codec"),
-        ("--samples 5", "square"),
+        ("--samples 5 --mode paper", "square"),
         ("--frames 3:9", "frames 0..0"),
         ("--frames x", "expected A:B"),
         ("--chunk 0", "above 0"),

@@ -233,7 +233,7 @@ def test_saved_view_and_what_overrides_it(file, tmp_path, rendered):
     [
         (["--color-by", "strain"], "stress"),
         (["--colormap", "viridi"], "viridis"),
-        (["--samples", "50"], "49"),
+        (["--samples", "50", "--mode", "paper"], "49"),
         (["--range", "2", "1"], "lo < hi"),
         (["--range", "0", "1", "--log"], "positive"),
         (["--albedo", "2"], "albedo"),

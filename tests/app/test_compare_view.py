@@ -230,15 +230,34 @@ def test_the_divider_is_a_slider_for_mouse_and_keys(
     assert page.run("document.getElementById('divider').getAttribute('aria-valuenow')") == "100"
 
 
+def test_the_picture_keeps_up_with_the_divider(page: Page, viewer: Viewer) -> None:
+    """One sample is enough to show where it is, however many a smooth picture would take, and nobody waits for light."""
+    choose(page, "beside", "lambertian")
+    lit(page, viewer)
+    page.wait("(s => s.settled && s.samples === 16 && !luxel.app.drawing.scheduled)(luxel.state())", WAIT_S)
+    page.run(
+        """(film => {
+          window.wants = [];
+          film.begin = function (effort, want) { wants.push(want); delete this.begin; return this.begin(effort, want); };
+          film.renderer.frameMs = 1;
+          luxel.app.beside.divider.move(0.3);
+        })(luxel.app.drawing.film)"""
+    )
+    page.wait("(film => film.shown.light === film.light)(luxel.app.drawing.film)", WAIT_S)
+    assert page.run("wants") == [1]
+
+
 def test_comparison_survives_a_lost_connection_and_a_lost_graphics_context(
     page: Page, viewer: Viewer, alone: dict[str, np.ndarray]
 ) -> None:
     choose(page, "beside", "shadows")
+    page.run("luxel.app.beside.divider.move(0.25)")
     lit(page, viewer)
     page.run("luxel.app.connection.socket.close()")
+    page.wait("!luxel.state().connected", WAIT_S)
     page.wait("luxel.state().connected && luxel.state().beside", WAIT_S)
     lit(page, viewer)
-    halves(page, alone["interreflection"], alone["shadows"])
+    halves(page, alone["interreflection"], alone["shadows"], MIDDLE // 2)
     page.run(
         "window.lose = luxel.app.drawing.renderer.gl.getExtension('WEBGL_lose_context'), lose.loseContext()"
     )
@@ -246,7 +265,7 @@ def test_comparison_survives_a_lost_connection_and_a_lost_graphics_context(
     page.run("lose.restoreContext()")
     page.wait("!luxel.state().troubles.graphics", WAIT_S)
     lit(page, viewer)
-    halves(page, alone["interreflection"], alone["shadows"])
+    halves(page, alone["interreflection"], alone["shadows"], MIDDLE // 2)
 
 
 def test_what_cannot_be_compared_is_said(page: Page) -> None:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import luxel
 from luxel.app.viewer import Viewer, view
 from luxel.session import Session
 from luxel.textures.spec import TextureSpec
+from luxel.textures.store.bake import bake_to
 from tests.app.chromium import Browser, Page
-from tests.app.pictures import WAIT_S, choose, settle
+from tests.app.pictures import WAIT_S, capture, choose, settle
 from tests.scenes import cloud
 
 pytestmark = pytest.mark.browser
@@ -124,6 +128,37 @@ def test_escape_ends_it_and_saves_what_was_answered(page: Page) -> None:
     assert "1 of 4" in page.run("document.getElementById('banner').textContent")
 
 
+def test_a_study_of_baked_light_shows_lambert_as_well(tmp_path: Path, browser: Browser) -> None:
+    positions = np.random.default_rng(4).uniform(-1, 1, (150, 3))
+    spec = TextureSpec(mode="paper", samples=1, texels=8)
+    baked = bake_to(tmp_path / "b.zarr", luxel.Particles(positions, 0.22), model="ao", spec=spec)
+    with (
+        Session(baked) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as opened,
+        Page(opened.url, WINDOW, browser=browser) as page,
+    ):
+        page.wait("window.luxel && luxel.state().baked", WAIT_S)
+        settle(page)
+        page.run(
+            "document.getElementById('study-add').click(), document.getElementById('study-start').click()"
+        )
+        size = page.run("document.getElementById('stage').clientWidth")
+        assert size == WINDOW[0]
+        shown = {}
+        for k in range(2):
+            trial = page.wait(TRIAL, WAIT_S, lambda t, k=k: t and t["shown"] and t["count"] == k + 1)
+            shown[trial["model"]] = capture(page)[0]
+            page.press("1")
+        assert set(shown) == {"ao", "lambertian"}
+        page.wait("luxel.app.study.run === null", WAIT_S)
+        page.run("document.getElementById('fold').click()")
+        page.wait("luxel.state().known", WAIT_S)
+        np.testing.assert_array_equal(capture(page)[0], shown["ao"])
+        choose(page, "beside", "lambertian")
+        page.run("luxel.app.beside.divider.move(0)")
+        np.testing.assert_array_equal(capture(page)[0], shown["lambertian"])
+
+
 @pytest.mark.parametrize(
     ("control", "value", "message"),
     [("study-answers", "yes", "two answers"), ("study-seed", "-1", "seed"), ("study-seed", "", "seed")],
@@ -135,3 +170,34 @@ def test_a_study_that_cannot_be_is_explained(page: Page, control: str, value: st
     assert page.run("luxel.app.study.run") is None
     assert message in page.run("document.getElementById('banner').textContent")
     choose(page, control, before)
+
+
+def add_files(page: Page, *files: tuple[str, str]) -> None:
+    made = ", ".join(f"new File([{text!r}], {name!r})" for name, text in files)
+    page.run(f"luxel.app.study.addFiles([{made}])")
+
+
+def test_saved_views_are_added_from_files(page: Page) -> None:
+    page.run("document.getElementById('study-clear').click()")
+    view = page.run("luxel.savedView()")
+    for key in ("light", "frame"):
+        del view[key]
+    add_files(page, ("from, above.json", json.dumps(view)), ("notes.json", '{"a": 1}'), ("x.json", "{"))
+    said = page.run("document.getElementById('banner').textContent")
+    assert "x.json" in said
+    assert page.run("document.getElementById('study-views').textContent") == "1 view"
+    page.run("document.getElementById('study-start').click()")
+    for k in range(2):
+        page.wait(TRIAL, WAIT_S, lambda t, k=k: t and t["shown"] and t["count"] == k + 1)
+        page.press("1")
+    page.wait("window.files.length === 1", WAIT_S)
+    rows = list(csv.DictReader(io.StringIO(page.run("files[0]"), newline="")))
+    assert {row["view"] for row in rows} == {"from, above.json"}
+    # One that the server refuses ends the study, and says which it was.
+    page.run("document.getElementById('study-clear').click()")
+    add_files(page, ("other.json", json.dumps({**view, "view": {**view["view"], "color_by": "no such"}})))
+    page.run("document.getElementById('study-start').click()")
+    page.wait("luxel.app.study.run === null", WAIT_S)
+    said = page.run("document.getElementById('banner').textContent")
+    assert "no such" in said
+    assert "other.json cannot be shown" in said

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
 import luxel
@@ -96,7 +97,7 @@ def test_the_slider_shows_a_step(page: Page, viewer: Viewer) -> None:
 
 def test_playing_asks_for_the_next_step_once_the_last_is_drawn_and_begins_again(page: Page) -> None:
     page.run("document.getElementById('play').click()")
-    assert page.run("document.getElementById('play').getAttribute('aria-pressed')") == "true"
+    assert page.run("document.getElementById('play').textContent") == "Pause"
     noted = page.wait("window.noted", WAIT_S, lambda found: len(found) >= 2 * STEPS + 1)
     assert [(each["at"], each["to"]) for each in noted] == [
         (k % STEPS, (k + 1) % STEPS) for k in range(len(noted))
@@ -125,6 +126,7 @@ def test_a_touch_of_the_slider_stops_it_and_space_toggles(page: Page) -> None:
     assert not page.run("luxel.state().playing")
     page.run("luxel.synced()")
     page.wait("luxel.state().frame === 3", WAIT_S)
+    page.run("document.getElementById('view').focus()")
     page.press(" ")
     assert page.run("luxel.state().playing")
     page.press(" ")
@@ -139,6 +141,14 @@ def test_a_touch_of_the_slider_stops_it_and_space_toggles(page: Page) -> None:
     page.press(" ")
     assert page.run("luxel.state().playing")
     page.run("document.getElementById('fold').click()")
+
+
+def test_keys_step_forth_and_back(page: Page) -> None:
+    page.run("document.getElementById('view').focus()")
+    for key, frame in ((".", 1), (".", 2), (",", 1), (",", 0), (",", STEPS - 1), (".", 0)):
+        page.press(key)
+        page.run("luxel.synced()")
+        page.wait("luxel.state().frame", WAIT_S, lambda now, frame=frame: now == frame)
 
 
 def test_playing_goes_on_after_a_lost_connection(page: Page) -> None:
@@ -173,8 +183,26 @@ def test_the_last_step_stays_until_the_next_is_complete(page: Page) -> None:
     assert all(shown)
 
 
-def test_a_step_that_cannot_be_read_stops_it(page: Page, viewer: Viewer) -> None:
-    page.run("luxel.app.player.start(), luxel.app.askForFrame(99), luxel.app.player.awaited = 99")
-    page.wait("document.getElementById('banner').textContent", WAIT_S, lambda said: "99" in said)
-    assert not page.run("luxel.state().playing")
-    page.run("luxel.app.notices.trouble('server', null)")
+@pytest.mark.parametrize(("empty", "shown"), [((1,), [0, 2, 0, 2]), ((1, 2), [0])])
+def test_steps_that_cannot_be_shown_are_left_out(
+    browser: Browser, empty: tuple[int, ...], shown: list[int]
+) -> None:
+    """Where others are left; else playing ends."""
+    steps = [Particles(np.empty((0, 3)), 1.0) if k in empty else cloud(100, radius=0.1) for k in range(3)]
+    with (
+        Session(steps, model="lambertian", threads=1) as session,
+        view(session, block=False, open_browser=False, announce=lambda url: None) as opened,
+        Page(opened.url, WINDOW, browser=browser) as page,
+    ):
+        page.wait("window.luxel && luxel.state().frames > 0", WAIT_S)
+        page.run(NOTE)
+        choose(page, "rate", "30")
+        page.run("luxel.app.player.start()")
+        if len(shown) > 1:
+            page.wait("window.noted.length > 6", WAIT_S)
+        else:
+            page.wait("!luxel.state().playing", WAIT_S)
+        at = [each["at"] for each in page.run("noted")]
+        found = [k for k, before in zip(at, [None, *at], strict=False) if k != before]
+        assert found[: len(shown)] == shown
+        assert "no particles" in page.run("document.getElementById('banner').textContent")

@@ -32,7 +32,6 @@ __all__ = ["COMMANDS"]
 
 # Written out so that `luxel --help` imports nothing; a test holds them to the library's own.
 CODECS = ("raw", "vq", "pca", "cpca", "sh")
-_SAMPLES = {"fast": 4, "paper": 49}
 
 
 def _bake_options(parser: argparse.ArgumentParser) -> None:
@@ -113,7 +112,7 @@ def _add_codec_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_light_options(parser: argparse.ArgumentParser) -> None:
-    add_light_options(parser, samples=" (default: 4, with --mode paper 49)")
+    add_light_options(parser, samples=" (default: 2, with --mode paper 49)")
     add_up_option(parser)
 
 
@@ -280,10 +279,10 @@ def _light(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _spec(options: argparse.Namespace) -> TextureSpec:
-    from luxel.textures.spec import TextureSpec
+    from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
 
     fill_light(options)
-    samples = _SAMPLES[options.mode] if options.samples is None else options.samples
+    samples = DEFAULT_SAMPLES[options.mode] if options.samples is None else options.samples
     return TextureSpec(samples=samples, mode=options.mode, seed=options.seed, mapping=options.mapping)
 
 

@@ -54,13 +54,15 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
         help="light from luminance textures, or traced anew for every pixel (default: texture)",
     )
     parser.add_argument("--json", action="store_true", help="print what was drawn as JSON")
-    add_scene_options(parser, samples=" (default: 4), or a pixel with --light pixel (default: 64)")
+    add_scene_options(
+        parser, samples=" (default: 2, with --mode paper 49), or a pixel with --light pixel (default: 64)"
+    )
 
 
 def _view_options(parser: argparse.ArgumentParser) -> None:
     add_file_options(parser)
     _add_server_options(parser)
-    add_scene_options(parser, samples=" (default: 4)")
+    add_scene_options(parser, samples=" (default: 2, with --mode paper 49)")
 
 
 def _demo_options(parser: argparse.ArgumentParser) -> None:
@@ -277,6 +279,8 @@ def _draw(
             **lit,
         )
     image.save(options.output)
+    if image.ids is not None and (image.ids < 0).all():
+        say("note: no particle is in the picture — look at the camera, --cut, --select and --radius")
     taken = time.perf_counter() - started
     if options.json:
         print(
@@ -356,9 +360,9 @@ def _ready(
 
 def texture_spec(options: argparse.Namespace) -> TextureSpec:
     """Return how textures are to be made."""
-    from luxel.textures.spec import TextureSpec
+    from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
 
-    samples = 4 if options.samples is None else options.samples
+    samples = DEFAULT_SAMPLES[options.mode] if options.samples is None else options.samples
     return TextureSpec(samples=samples, mode=options.mode, seed=options.seed, mapping=options.mapping)
 
 

@@ -83,7 +83,9 @@ def _movie_options(parser: argparse.ArgumentParser) -> None:
         help="light from luminance textures, which are computed once a time step, or traced anew for every pixel (default: texture)",
     )
     add_scene_options(
-        parser, samples=" (default: 4), or a pixel with --light pixel (default: 64)", keyframes=True
+        parser,
+        samples=" (default: 2, with --mode paper 49), or a pixel with --light pixel (default: 64)",
+        keyframes=True,
     )
 
 

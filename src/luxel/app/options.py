@@ -93,7 +93,7 @@ def add_light_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
         "--samples",
         type=positive_int,
         metavar="N",
-        help=f"light samples a texel, a square number{samples}",
+        help=f"light samples a texel; in paper mode a square number{samples}",
     )
     light.add_argument(
         "--mode",

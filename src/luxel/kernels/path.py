@@ -29,8 +29,7 @@ __all__ = [
 LAMBERTIAN, SHADOWS, AO, INTERREFLECTION = 0, 1, 2, 3
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
-# A path survives a bounce with the probability of its weight; after so many bounces with at most this, so that a
-# closed white hollow cannot hold it for ever.
+# After so many bounces a path survives with at most this chance, so that a closed white hollow cannot hold it for ever.
 _PATIENCE = 16
 _SURVIVAL = np.float32(0.95)
 
@@ -47,6 +46,7 @@ class World(NamedTuple):
     reach: np.float32  # rays of ambient occlusion end here
     max_bounces: int
     seed: np.uint64
+    keep: np.float32  # a path that weighs so much survives every bounce, a lighter one by its share of it
     cell: Periodic | None  # light repeats with it; kernels are compiled apart for None, which costs nothing
 
 
@@ -112,9 +112,9 @@ def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
 
 
 @kernel(inline=True, borrows=True)
-def survival(weight, bounce):
+def survival(weight, keep, bounce):
     """Probability with which a path of this weight goes on after so many bounces."""
-    return min(weight, _ONE if bounce <= _PATIENCE else _SURVIVAL)
+    return min(weight / keep, _ONE if bounce <= _PATIENCE else _SURVIVAL)
 
 
 @kernel(borrows=True)
@@ -129,7 +129,7 @@ def path_tail(world, work, sphere, px, py, pz, offset, state):
     while bounces < world.max_bounces:
         bounces += 1
         weight *= world.albedo
-        chance = survival(weight, bounces)
+        chance = survival(weight, world.keep, bounces)
         state = next_state(state)
         u, v = uniform(state)
         if u >= chance:

@@ -242,11 +242,11 @@ def _move(waves, k, to):
 
 @kernel(borrows=True)
 def _roulette(world, waves, count, bounce, values):
-    """Let paths survive by their weight; returns how many do."""
+    """Let paths survive by their weight; return how many do."""
     alive = 0
     for k in range(count):
         weight = waves.weight[k] * world.albedo
-        chance = survival(weight, bounce)
+        chance = survival(weight, world.keep, bounce)
         waves.state[k] = next_state(waves.state[k])
         u, _ = uniform(waves.state[k])
         if u >= chance:

@@ -8,6 +8,7 @@ ordering of pixels"). Particles take turns among many sets, so that neighbours d
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -57,7 +58,7 @@ def texel_middles(rows: int, columns: int) -> Float:
 def make_ray_table(
     mapping: Mapping, shape: tuple[int, int], samples: int, *, seed: int = 0, sets: int | None = None
 ) -> RayTable:
-    """Make ray sets with `samples` (a square number) starts a texel and directions about the normal, cosine-weighted.
+    """Make ray sets with `samples` starts a texel and directions about the normal, cosine-weighted.
 
     `shape` is rows and columns of the map; `sets` defaults to as many as fit a cache.
     """
@@ -100,7 +101,7 @@ class _Layout:
 
     def __init__(self, mapping: Mapping, shape: tuple[int, int], samples: int) -> None:
         self._mapping, self._shape = mapping, shape
-        self._grid = round(samples**0.5)
+        self._grid = _grid(samples)
         self._row, self._column = _morton_cells(shape, self._grid)
         count = len(self._row)
         self.blocks = -(-count // LANES)
@@ -108,13 +109,13 @@ class _Layout:
         self.width = _PATCH_RAYS // LANES
         self.set_bytes = 4 * self.blocks * RAY
         self.texel = np.full(self.blocks * LANES, -1, np.int32)
-        self.texel[:count] = (self._row // self._grid) * shape[1] + self._column // self._grid
+        self.texel[:count] = (self._row // self._grid[0]) * shape[1] + self._column // self._grid[1]
 
     def starts(self, rng: np.random.Generator) -> Float:
         """(blocks * 16, 3) jittered starts, one in every cell."""
         jitter = rng.random((2, len(self._row)))
-        u = (self._column + jitter[0]) / (self._shape[1] * self._grid)
-        v = (self._row + jitter[1]) / (self._shape[0] * self._grid)
+        u = (self._column + jitter[0]) / (self._shape[1] * self._grid[1])
+        v = (self._row + jitter[1]) / (self._shape[0] * self._grid[0])
         found = _points(self._mapping, u, v)
         return np.concatenate([found, np.repeat(found[-1:], len(self.index) - len(found), axis=0)])
 
@@ -142,11 +143,19 @@ def _frame(points: Float) -> tuple[float, ...]:
     return (*middle, chord)
 
 
-def _morton_cells(shape: tuple[int, int], grid: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _grid(samples: int) -> tuple[int, int]:
+    """Return rows and columns of the cells of one texel: as near to a square as `samples` can be parted."""
+    rows = next(rows for rows in range(math.isqrt(samples), 0, -1) if samples % rows == 0)
+    return rows, samples // rows
+
+
+def _morton_cells(
+    shape: tuple[int, int], grid: tuple[int, int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and columns of all cells, texel by texel along a Morton curve, and along another within each texel."""
-    row, column = (a.ravel() for a in np.indices((shape[0] * grid, shape[1] * grid)))
-    inner = _interleave(row % grid, column % grid)
-    outer = _interleave(row // grid, column // grid)
+    row, column = (a.ravel() for a in np.indices((shape[0] * grid[0], shape[1] * grid[1])))
+    inner = _interleave(row % grid[0], column % grid[1])
+    outer = _interleave(row // grid[0], column // grid[1])
     order = np.lexsort((inner, outer))
     return row[order], column[order]
 

@@ -59,5 +59,6 @@ def make_world(
         reach,
         _UNLIMITED_BOUNCES if max_bounces is None else max_bounces,
         np.uint64(seed),
+        np.float32(1),  # as in the paper; `light.fast` keeps more
         cell,
     )

@@ -34,7 +34,7 @@ from luxel.scene.from_arrays import looked_at
 from luxel.scene.scene import Scene
 from luxel.scene.view import View
 from luxel.textures.bake import Baker, bake_with
-from luxel.textures.spec import Mode, TextureSpec, light_key
+from luxel.textures.spec import DEFAULT_SAMPLES, Mode, TextureSpec, light_key
 from luxel.textures.textures import TextureSource, TextureTable
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import run_parts, thread_count
@@ -84,7 +84,7 @@ def render(
     light
         ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
     samples
-        Of light: a texel (a square number, default 4) or a pixel (default 64).
+        Of light: a texel (default 2; in paper mode a square number, default 49) or a pixel (default 64).
     mode, mapping, seed
         Of the textures that are baked here, see :class:`luxel.TextureSpec`.
     antialias
@@ -130,7 +130,12 @@ def render(
             raise InputError(f"samples must be at least 1, got {samples}")
         _draw_pixels(world, seen, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
     else:
-        spec = TextureSpec(samples=4 if samples is None else samples, mode=mode, seed=seed, mapping=mapping)
+        spec = TextureSpec(
+            samples=DEFAULT_SAMPLES[mode] if samples is None else samples,
+            mode=mode,
+            seed=seed,
+            mapping=mapping,
+        )
         table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, seen)
         draw_textures(seen, eye, shifts, table, colors, total, workers)
     pixels = np.empty((height, width, 3), np.uint8)

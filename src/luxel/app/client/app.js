@@ -86,6 +86,7 @@ export class App {
       light: (change) => this.light.send(change),
       frame: (frame) => this.askForFrame(frame),
       play: () => this.player.toggle(),
+      step: (by) => this.player.step(by),
       fit: () => this.viewpoint.fit(),
       axis: (axis, negative) => this.viewpoint.axisView(axis, negative),
       projection: () => this.viewpoint.toggleProjection(),
@@ -160,12 +161,14 @@ export class App {
     drawing.film.restart();
     this.coloring.changed();
     this.coloring.toneChanged();
+    this.notices.show();
   }
 
   /** @param {string} text */
   takeError(text) {
     this.notices.trouble("server", text, true);
     this.player.failed();
+    this.study.failed();
   }
 
   /** Show another time step. @param {number} frame */

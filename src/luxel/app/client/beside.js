@@ -143,7 +143,8 @@ export class Beside {
   splitAt(split) {
     const { drawing } = this.app;
     drawing.renderer.split = split;
-    drawing.lightChanged();
+    drawing.film.lightChanged(true);
+    drawing.schedule();
   }
 
   /** How far the right side is; null while there is none. */

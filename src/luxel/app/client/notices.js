@@ -47,8 +47,11 @@ export class Notices {
     const { visible, ready, coarse } = app.light.counts();
     const lambertian = app.light.state?.model === "lambertian";
     const n = (/** @type {number} */ x) => x.toLocaleString("en");
-    const parts = [`${n(visible)} visible`];
-    if (lambertian) {
+    const { loaded, count } = app.spheres.shown;
+    const parts = [loaded < count ? `${Math.floor((100 * loaded) / count)} % of the particles are here` : `${n(visible)} visible`];
+    if (loaded < count || visible === 0) {
+      // The rest can be told once they are all here, and looked at.
+    } else if (lambertian) {
       parts.push("no global light");
     } else if (app.light.baked) {
       parts.push(ready >= visible ? "baked light" : `${n(ready)} with baked light`);
@@ -66,8 +69,8 @@ export class Notices {
     app.element("counts").textContent = parts.join("  ·  ");
     /** @type {HTMLProgressElement} */
     const progress = app.element("progress");
-    progress.value = visible ? ready / visible : 0;
-    progress.hidden = lambertian || ready >= visible;
+    progress.value = loaded < count ? loaded / count : visible ? ready / visible : 0;
+    progress.hidden = loaded === count && (lambertian || ready >= visible);
   }
 
   /** Say what is wrong, or that it no longer is. @param {string} cause @param {string | null} text @param {boolean} [passing] goes away by itself */

@@ -36,6 +36,7 @@ export { finder };
  * @property {(text: string) => void} loadView
  * @property {(frame: number) => void} frame
  * @property {() => void} play or stop playing
+ * @property {(by: 1 | -1) => void} step to the next time step, or to the one before
  * @property {() => void} fit
  * @property {(axis: string, negative: boolean) => void} axis
  * @property {() => void} projection
@@ -113,9 +114,10 @@ export class Panel {
   /** @param {KeyboardEvent} event */
   key(event) {
     const { target } = event;
-    const typing = target instanceof HTMLInputElement || target instanceof HTMLSelectElement;
+    const typing = target instanceof HTMLSelectElement || (target instanceof HTMLInputElement && target.type !== "range");
     if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key === "p") this.fold();
+    else if (event.key === "." || event.key === ",") this.listener.step(event.key === "." ? 1 : -1);
     // On buttons and headings, the space bar means them.
     else if (event.key === " " && !(target instanceof HTMLElement && target.closest("button, summary"))) {
       this.listener.play();

@@ -59,10 +59,22 @@ export class Player {
   }
 
   next() {
-    const { scene } = this.app;
     this.timer = 0;
     this.begunAt = performance.now();
-    this.awaited = (scene.frame + 1) % scene.frame_count;
+    this.ask(this.app.scene.frame + 1);
+  }
+
+  /** Show the step after or before this one. @param {1 | -1} by */
+  step(by) {
+    const { scene } = this.app;
+    this.stop();
+    if (scene !== null && scene.frame_count > 1) this.ask(scene.frame + by);
+  }
+
+  /** @param {number} frame any number: after the last step comes the first */
+  ask(frame) {
+    const { scene } = this.app;
+    this.awaited = (frame + scene.frame_count) % scene.frame_count;
     this.app.askForFrame(this.awaited);
   }
 
@@ -71,13 +83,16 @@ export class Player {
     if (this.playing) this.awaited = frame;
   }
 
-  /** Something went wrong: if a step was awaited, it does not come. */
+  /** Something went wrong: if a step was awaited, it does not come, and the one after it is tried, as long as there is another. */
   failed() {
-    if (this.playing && this.app.scene.frame !== this.awaited) this.stop();
+    const { scene } = this.app;
+    if (!this.playing || scene.frame === this.awaited) return;
+    const next = (this.awaited + 1) % scene.frame_count;
+    if (next === scene.frame) this.stop();
+    else this.ask(next);
   }
 
   show() {
     this.button.textContent = this.playing ? "Pause" : "Play";
-    this.button.setAttribute("aria-pressed", String(this.playing));
   }
 }

@@ -44,7 +44,7 @@ export class Study {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
-    /** Saved views, in file units. @type {any[]} */
+    /** Saved views, and what the answers call them. @type {{name: string, saved: any}[]} */
     this.views = [];
     /** @type {{seed: number, question: string, answers: string[], order: Trial[], rows: (string | number)[][], before: any} | null} */
     this.run = null;
@@ -54,6 +54,9 @@ export class Study {
     this.loaded = false;
     const { element } = app;
     element("study-add").addEventListener("click", () => this.add());
+    const files = element("study-files");
+    element("study-load").addEventListener("click", () => files.click());
+    files.addEventListener("change", () => this.addFiles([...(files.files ?? [])]).then(() => { files.value = ""; }));
     element("study-clear").addEventListener("click", () => { this.views = []; this.show(); });
     element("study-start").addEventListener("click", () => this.start());
     app.root.addEventListener("keydown", (event) => this.key(event), { capture: true });
@@ -80,7 +83,23 @@ export class Study {
 
   add() {
     if (this.app.scene === null || this.app.light.state === null) return;
-    this.views.push(this.app.saved.current);
+    this.views.push({ name: String(this.views.length + 1), saved: this.app.saved.current });
+    this.show();
+  }
+
+  /** @param {File[]} files of saved views */
+  async addFiles(files) {
+    for (const file of files) {
+      /** @type {any} */
+      let saved = null;
+      try {
+        saved = JSON.parse(await file.text());
+      } catch {
+        // told below
+      }
+      if (typeof saved === "object" && saved !== null && "luxel_view" in saved) this.views.push({ name: file.name, saved });
+      else this.app.notices.trouble("study", `${file.name} is no saved view`, true);
+    }
     this.show();
   }
 
@@ -127,21 +146,22 @@ export class Study {
 
   /** Take the next picture on, behind a curtain. */
   prepare() {
-    const { element, saved, scene, beside } = this.app;
+    const { element, scene, beside } = this.app;
     const { view, model } = this.trial;
-    const { order, rows } = /** @type {NonNullable<typeof this.run>} */ (this.run);
+    const { order, rows, before } = /** @type {NonNullable<typeof this.run>} */ (this.run);
     this.shownAt = null;
     this.loaded = false;
     element("curtain").hidden = false;
     element("curtain").textContent = `Picture ${rows.length} of ${order.length} …`;
     for (const button of element("trial-answers").querySelectorAll("button")) button.disabled = true;
-    const wanted = this.views[view];
+    const { saved } = this.views[view];
     if (scene.light_fixed) {
       const other = model !== this.app.light.state.model;
       beside.choose(other ? model : "");
       beside.divider.move(other ? 0 : 0.5);
     }
-    saved.load(JSON.stringify(wanted.light === null ? wanted : { ...wanted, light: { ...wanted.light, model } }));
+    const light = scene.light_fixed ? null : { ...(saved.light ?? before.light), model };
+    this.app.saved.load(JSON.stringify({ ...saved, light }));
   }
 
   /** The server has taken on a view. */
@@ -149,19 +169,23 @@ export class Study {
     this.loaded = true;
   }
 
+  /** Something went wrong. */
+  failed() {
+    if (this.run !== null && !this.loaded) this.end(`View ${this.views[this.trial.view].name} cannot be shown`);
+  }
+
   /** Whether the picture of this trial is complete. */
   get ready() {
     const { light, beside, coloring, scene, spheres, remote, drawing: { film } } = this.app;
-    const { model, view } = this.trial;
-    const { shown } = film, { frame } = this.views[view];
-    if (remote.active) return this.loaded && scene.frame === frame && light.state.model === model && remote.current && remote.shown.final;
+    const { model } = this.trial, { shown } = film;
+    if (remote.active) return this.loaded && light.state.model === model && remote.current && remote.shown.final;
     const lit = () => {
       const other = beside.counts();
       const { visible, ready } = light.counts();
       if (other !== null) return other.model === model && other.ready >= visible;
       return light.state.model === model && (model === "lambertian" || ready >= visible);
     };
-    return this.loaded && scene.frame === frame && spheres.shown.loaded === scene.count && !coloring.waiting && film.centralKnown
+    return this.loaded && spheres.shown.loaded === scene.count && !coloring.waiting && film.centralKnown
       && shown !== null && shown.epoch === film.epoch && shown.light === film.light && shown.scale === 1 && !shown.culled && shown.count >= SAMPLES && lit();
   }
 
@@ -192,7 +216,7 @@ export class Study {
     if (run === null || shownAt === null || !Number.isFinite(shownAt) || k >= run.answers.length) return;
     const seconds = ((performance.now() - shownAt) / 1000).toFixed(3);
     const { view, model } = this.trial;
-    run.rows.push([run.seed, run.rows.length, view + 1, model, run.question, run.answers[k], seconds]);
+    run.rows.push([run.seed, run.rows.length, this.views[view].name, model, run.question, run.answers[k], seconds]);
     if (run.rows.length <= run.order.length) return this.prepare();
     this.end(null);
   }
