@@ -55,11 +55,8 @@ export class Sight {
     this.ids = new Int32Array(1024);
     this.count = 0;
     this.epoch = 0;
-    this.requested = 0;
-    this.asked = new Int32Array(count).fill(-1); // the light under which an id was asked for last
-    this.sentAt = -Infinity;
-    this.fresh = false;
-    this.waiting = false; // for light, or for the next chance to ask for it
+    /** Counts what came into sight, and moves of the camera. */
+    this.changes = 0;
   }
 
   /**
@@ -70,7 +67,7 @@ export class Sight {
     if (epoch !== this.epoch) {
       this.epoch = epoch;
       this.count = 0;
-      this.fresh = true;
+      this.changes++;
     }
     const { stamp } = this;
     for (let k = 0; k < data.length; k += stride) {
@@ -83,7 +80,7 @@ export class Sight {
         this.ids = grown;
       }
       this.ids[this.count++] = id;
-      this.fresh = true;
+      this.changes++;
     }
   }
 
@@ -94,15 +91,29 @@ export class Sight {
 
   /**
    * How many visible particles have their tile, and how many others a coarse record.
-   * @param {Store} tiles @param {import("./coarse.js").CoarseStore} records
+   * @param {Store} tiles @param {import("./coarse.js").CoarseStore | null} records
    */
   litCount(tiles, records) {
     let ready = 0, coarse = 0;
     for (let k = 0; k < this.count; k++) {
       if (tiles.isCurrent(this.ids[k])) ready++;
-      else if (records.has(this.ids[k])) coarse++;
+      else if (records?.has(this.ids[k])) coarse++;
     }
     return { ready, coarse };
+  }
+}
+
+/** What to ask the server for, and when, under one light. */
+export class Requests {
+  /** @param {Sight} sight */
+  constructor(sight) {
+    this.sight = sight;
+    /** Particles asked for, each once a light. */
+    this.count = 0;
+    this.asked = new Int32Array(sight.stamp.length).fill(-1); // the light under which an id was asked for last
+    this.sentAt = -Infinity;
+    this.known = -1; // changes of sight that were asked about
+    this.waiting = false; // for light, or for the next chance to ask for it
   }
 
   /**
@@ -111,33 +122,34 @@ export class Sight {
    * @param {Store} tiles @param {number} now milliseconds
    * @returns {Int32Array | null}
    */
-  request(tiles, now) {
-    if (now - this.sentAt < (this.fresh ? MOVING_MS : RESEND_MS)) {
+  next(tiles, now) {
+    const { sight } = this;
+    if (now - this.sentAt < (this.known === sight.changes ? RESEND_MS : MOVING_MS)) {
       this.waiting = true;
       return null;
     }
-    const missing = new Int32Array(this.count);
+    const missing = new Int32Array(sight.count);
     let n = 0;
-    for (let k = 0; k < this.count; k++) {
-      const id = this.ids[k];
+    for (let k = 0; k < sight.count; k++) {
+      const id = sight.ids[k];
       if (tiles.isCurrent(id)) continue;
       missing[n++] = id;
       if (this.asked[id] !== tiles.current) {
         this.asked[id] = tiles.current;
-        this.requested++;
+        this.count++;
       }
     }
-    this.fresh = false;
+    this.known = sight.changes;
     this.waiting = n > 0;
     if (n === 0) return null;
     this.sentAt = now;
     // What the atlas cannot hold is not asked for.
-    return missing.subarray(0, Math.max(0, Math.min(n, tiles.capacity - (this.count - n))));
+    return missing.subarray(0, Math.max(0, Math.min(n, tiles.capacity - (sight.count - n))));
   }
 
   /** The light changed, or the connection: ask again at once. */
-  askAgain() {
+  again() {
     this.sentAt = -Infinity;
-    this.fresh = true;
+    this.known = -1;
   }
 }
