@@ -498,12 +498,13 @@ class Session:
         """Block until everything requested is ready; False if that takes longer than `timeout_s`."""
         return self._engine.wait(timeout_s) and self._engine_beside.wait(timeout_s)
 
-    def run_for(self, budget_s: float) -> None:
-        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2."""
+    def run_for(self, budget_s: float) -> int:
+        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2; return pieces of work done."""
         end_s = self._clock() + budget_s
-        self._engine.run_for(budget_s)
+        done = self._engine.run_for(budget_s)
         if self._beside is not None and (left_s := end_s - self._clock()) > 0:
-            self._engine_beside.run_for(left_s)
+            done += self._engine_beside.run_for(left_s)
+        return done
 
     def close(self) -> None:
         """Stop baking and join the threads; closing twice does no harm."""
