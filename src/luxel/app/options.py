@@ -7,7 +7,17 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from luxel.app.parse import SunOption, axes, frame_budget, number, picture_size, positive_int, radius, sky_levels, sun
+from luxel.app.parse import (
+    SunOption,
+    axes,
+    frame_budget,
+    number,
+    picture_size,
+    positive_int,
+    radius,
+    sky_levels,
+    sun,
+)
 
 if TYPE_CHECKING:
     from luxel.particles import Particles
