@@ -8,12 +8,13 @@ import functools
 import itertools
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from luxel.app import baked, protocol, state
-from luxel.app.feed import Feed
+from luxel.app.page import Page
+from luxel.app.streaming import Streaming
 from luxel.dynamic.work import CoarseBatch, TileBatch
 from luxel.errors import InputError, LuxelError, ProtocolError
 from luxel.kernels.jit import cold
@@ -25,11 +26,13 @@ from luxel.session import Session
 from luxel.textures.store.reader import BakedFrame
 from luxel.trace.spheres import SphereSet
 
-__all__ = ["Hub", "Page", "cold_notice"]
+__all__ = ["Hub", "Page", "Renderer", "cold_notice"]
+
+Renderer = Literal["browser", "raytrace"]
 
 _log = logging.getLogger(__name__)
+_DRAWERS = {"browser": "browser", "raytrace": "server"}
 _STATUS_PERIOD_S = 0.25
-_COARSE_COUNT = 8192  # records in one message: 96 kB
 _IDLE_PERIOD_S = 0.5  # between looks whether somebody changed the session from Python
 
 
@@ -38,60 +41,28 @@ def cold_notice() -> str:
     return "Compiling light kernels for this machine (once) …" if cold() else ""
 
 
-class Page:
-    """One connected browser tab; belongs to the event loop.
-
-    A newer message of the same kind replaces an unsent older one, and big ones are made only when they are sent, so
-    that a page which stalls costs almost no memory.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.feed = Feed()
-        self.coarse = Feed(_COARSE_COUNT, once=True)
-        self.parts = baked.PartFeed()
-        self.beside = Feed()  # tiles of the light that is compared with
-        self.compares = False
-        self.greeted = False
-        self.view: View | None = None  # how the page looks at it, if it said so
-        self.wake = asyncio.Event()
-        self._outbox: dict[object, Callable[[], protocol.Message]] = {}
-
-    def post(self, key: object, make: Callable[[], protocol.Message]) -> None:
-        """Send what `make` returns, unless another message with the same `key` takes its place before that."""
-        self._outbox.pop(key, None)
-        self._outbox[key] = make
-        self.wake.set()
-
-    def reset(self, count: int) -> None:
-        """Forget what it wants and has: another light, or another data set of `count` particles."""
-        self.feed.reset(count)
-        self.beside.reset(count)
-        self.coarse.reset(count)
-        self.parts.reset()
-
-    def clear(self) -> None:
-        """Drop what has not been sent: it is about another data set."""
-        self._outbox.clear()
-
-    def next_posted(self) -> protocol.Message | None:
-        """Return the next message, oldest first."""
-        if not self._outbox:
-            return None
-        return self._outbox.pop(next(iter(self._outbox)))()
-
-
 class Hub:
     """Carries messages between a session and its pages.
 
     Everything runs on the event loop but the session's own calls, which may take long and go to threads. Only
     `_hear`, the session's listener, is called from elsewhere.
+
+    Parameters
+    ----------
+    session
+        What pages show.
+    notice
+        What they say until the first light arrives.
+    renderer
+        What draws: ``"browser"``, or ``"raytrace"`` on the server, until a page wants it otherwise.
     """
 
-    def __init__(self, session: Session, notice: str = "") -> None:
+    def __init__(self, session: Session, notice: str = "", renderer: Renderer = "browser") -> None:
         self.session = session
         self.notice = notice
+        self.renderer: Renderer = renderer
         self.pages: set[Page] = set()
+        self._streaming = Streaming(session, self.pages)
         self._numbers = itertools.count(1)
         self._epoch = 0
         self._particles: Particles | None = None
@@ -111,9 +82,11 @@ class Hub:
         self._loop = asyncio.get_running_loop()
         session = self.session
         self._unsubscribe = (session.subscribe(self._hear), session.subscribe_coarse(self._hear))
+        self._streaming.start()
 
     def stop(self) -> None:
-        """Stop listening."""
+        """Stop listening and drawing."""
+        self._streaming.stop()
         for unsubscribe in self._unsubscribe:
             unsubscribe()
         if self._status_timer is not None:
@@ -128,6 +101,7 @@ class Hub:
     async def leave(self, page: Page) -> None:
         """Remove a page; what only it wanted is not worth computing any more."""
         self.pages.discard(page)
+        self._streaming.leave(page)
         await asyncio.to_thread(self.session.forget, page.name)
         await self._compare(page, None)
 
@@ -154,6 +128,8 @@ class Hub:
         posted = page.next_posted()
         if posted is not None or not page.greeted:
             return posted
+        if (part := page.download.take()) is not None:
+            return part
         while (ids := page.coarse.take()) is not None:
             first = self.session.first_light(ids, self._key)
             if len(first):
@@ -170,11 +146,11 @@ class Hub:
             if len(batch.ids):
                 return protocol.Tiles(key, batch.ids, batch.codes, beside=True)
             page.beside.withdraw()
-        if self._baked is not None and (part := page.parts.take()) is not None:
-            return baked.payload(self._baked, part)
+        if self._baked is not None and (block := page.parts.take()) is not None:
+            return baked.payload(self._baked, block)
         return None
 
-    async def _act(self, page: Page, message: protocol.ClientMessage) -> None:
+    async def _act(self, page: Page, message: protocol.PageMessage) -> None:
         match message:
             case protocol.Hello():
                 _log.info(
@@ -182,6 +158,7 @@ class Hub:
                 )
                 await self._catch_up()
                 page.greeted = True
+                page.streamed = (message.by or _DRAWERS[self.renderer]) == "server"
                 self._introduce(page)
                 self._status_soon()
             case protocol.Sighted():
@@ -199,7 +176,7 @@ class Hub:
                 await self._catch_up()
             case protocol.ScalarRequest():
                 made = await asyncio.to_thread(
-                    state.scalar, self.session.particles, message.name, self._epoch
+                    state.scalar, self.session.particles, message.name, self._epoch, not page.streamed
                 )
                 page.post(("scalar", message.name), lambda: made)
             case protocol.ColormapRequest():
@@ -216,6 +193,18 @@ class Hub:
                 await self._compare(page, message.model)
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
+            case protocol.DrawBy():
+                self._draw_by(page, streamed=message.by == "server")
+            case _:
+                self._streaming.act(page, message)
+
+    def _draw_by(self, page: Page, *, streamed: bool) -> None:
+        """Draw for a page, or let it draw."""
+        page.streamed = streamed
+        if not streamed:
+            self._streaming.draw_no_more(page)
+            if page.epoch != self._epoch:
+                self._introduce(page)  # particles and all, which it has not been sent
 
     async def _sighted(self, page: Page, message: protocol.Sighted) -> None:
         await self._catch_up()
@@ -310,6 +299,7 @@ class Hub:
             self._particles, self._key = particles, session.key
             self._key_beside = session.key_beside
             self._epoch += 1
+            self._streaming.epoch = self._epoch
             stored = session.stored
             self._baked = stored if stored is not None and baked.fits_page(stored) else None
             self._baked_read = False
@@ -318,10 +308,13 @@ class Hub:
             for page in self.pages:
                 if page.greeted:
                     page.clear()
+                    self._streaming.dropped(page)
                     self._introduce(page)
+            self._streaming.news()
             return
         if session.key != self._key:
             self._key = session.key
+            self._streaming.news()
             made = state.light_state(session)
             for page in self.pages:
                 if page.greeted:
@@ -346,13 +339,17 @@ class Hub:
         particles = self.session.particles
         page.reset(len(particles))
         epoch = self._epoch
-        page.post("scene", functools.partial(state.scene_state, self.session, epoch, self.notice))
+        scene = functools.partial(state.scene_state, self.session, epoch, self.notice, streamed=page.streamed)
+        page.post("scene", scene)
         page.post("light", functools.partial(state.light_state, self.session))
-        for part in state.geometry(particles, epoch):
-            page.post(("geometry", part.start), functools.partial(_same, part))
         page.post("status", functools.partial(state.status, self.session))
         if page.compares:
             self._introduce_beside(page)
+        if page.streamed:
+            return
+        page.epoch = epoch
+        for part in state.geometry(particles, epoch):
+            page.post(("geometry", part.start), functools.partial(_same, part))
         if self._baked_read:
             self._offer(page)
 
@@ -368,7 +365,7 @@ class Hub:
         if frame is self._baked:
             self._baked_read = True
             for page in self.pages:
-                if page.greeted:
+                if page.greeted and page.epoch == self._epoch:
                     self._offer(page)
 
     def _offer(self, page: Page) -> None:
@@ -380,6 +377,7 @@ class Hub:
 
     def _hear(self, batch: TileBatch | CoarseBatch) -> None:
         """Hear of finished work; called from the worker threads of the session."""
+        self._streaming.news()
         if self._loop is not None:
             with contextlib.suppress(RuntimeError):  # the loop has just closed
                 self._loop.call_soon_threadsafe(self._publish, batch)

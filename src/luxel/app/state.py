@@ -72,8 +72,10 @@ def restore(session: Session, saved: SavedView) -> tuple[View, str]:
     return view, note
 
 
-def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.SceneState:
-    """Describe the data set, without its arrays."""
+def scene_state(
+    session: Session, epoch: int, notice: str = "", *, streamed: bool = False
+) -> protocol.SceneState:
+    """Describe the data set, without its arrays; `streamed` if they will not follow, since the server draws."""
     particles = session.particles.unscaled
     spheres = SphereSet.of(particles)
     names = [name for name in particles.names() if _drawable(particles, name)]
@@ -102,6 +104,7 @@ def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.Scen
         view=view_of(session).to_json(),
         light_fixed=session.light_fixed,
         notice=notice,
+        streamed=streamed,
     )
 
 
@@ -141,8 +144,8 @@ def geometry(particles: Particles, epoch: int) -> Iterator[protocol.Geometry]:
         yield protocol.Geometry(epoch, start, spheres.centers[part], spheres.radii[part])
 
 
-def scalar(particles: Particles, name: str, epoch: int) -> protocol.Scalar:
-    """Return the values of one scalar and their ranges.
+def scalar(particles: Particles, name: str, epoch: int, with_values: bool = True) -> protocol.Scalar:
+    """Return the values of one scalar and their ranges, or the ranges alone.
 
     Raises
     ------
@@ -156,10 +159,11 @@ def scalar(particles: Particles, name: str, epoch: int) -> protocol.Scalar:
     return protocol.Scalar(
         epoch,
         name,
-        single,
+        single if with_values else single[:0],
         view.scalar_range(particles),
         view.with_changes(log=True).scalar_range(particles),
         values.dtype.kind in "iu",
+        bool(np.isnan(single).any()),
     )
 
 

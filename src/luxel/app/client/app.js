@@ -11,7 +11,9 @@ import { Panel } from "./panel.js";
 import { Pick } from "./pick.js";
 import { Player } from "./player.js";
 import { KIND, decode, encode } from "./protocol.js";
+import { Remote } from "./remote.js";
 import { SavedViews } from "./saved.js";
+import { Screenshot } from "./screenshot.js";
 import { Spheres } from "./spheres.js";
 import { Study } from "./study.js";
 import { Viewpoint } from "./viewpoint.js";
@@ -40,6 +42,8 @@ export class App {
     this.spheres = new Spheres(this);
     this.saved = new SavedViews(this);
     this.panel = this.makePanel(host);
+    this.remote = new Remote(this);
+    this.screenshot = new Screenshot(this);
     this.drawing = new Drawing(this);
     this.beside = new Beside(this);
     this.player = new Player(this);
@@ -64,7 +68,9 @@ export class App {
     };
     connection.onopen = () => {
       this.light.connected();
-      this.connection.send(encode(KIND.hello, { renderer: this.drawing.renderer.name.slice(0, 400) }));
+      this.remote.connected();
+      this.screenshot.connected();
+      this.connection.send(encode(KIND.hello, { renderer: this.drawing.renderer.name.slice(0, 400), by: this.remote.by }));
       this.beside.connected();
     };
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.coloring.drawBar(), { signal: this.closing.signal });
@@ -84,7 +90,6 @@ export class App {
       fit: () => this.viewpoint.fit(),
       axis: (axis, negative) => this.viewpoint.axisView(axis, negative),
       projection: () => this.viewpoint.toggleProjection(),
-      save: () => this.drawing.save(),
       layout: () => this.drawing.resize(),
       titled: (title) => host.titled?.(title),
       up: () => this.viewpoint.upChanged(),
@@ -124,6 +129,10 @@ export class App {
       case KIND.error: return this.takeError(head.text);
       case KIND.beside: return this.beside.take(head, arrays);
       case KIND.view: return this.saved.take(head.view);
+      case KIND.frame: return this.remote.take(head, arrays);
+      case KIND.picked: return this.remote.takePicked(head);
+      case KIND.screenshotState: return this.screenshot.takeState(head);
+      case KIND.screenshotPart: return this.screenshot.takePart(head, arrays);
       case KIND.particle: return head.epoch === this.scene?.epoch && this.pick.take(head);
     }
   }
@@ -132,12 +141,14 @@ export class App {
   takeScene(head) {
     const again = this.scene !== null && this.scene.title === head.title;
     const { drawing, viewpoint } = this;
+    const held = head.streamed ? 0 : head.count; // particles that will be here
+    this.remote.reset(head);
     this.scene = head;
-    this.spheres.reset(head.count, this.light.state?.lighting.radius_scale ?? 1);
+    this.spheres.reset(held, this.light.state?.lighting.radius_scale ?? 1);
     this.coloring.reset();
-    drawing.guard(() => drawing.renderer.setScene(head.count, reach(head)));
-    this.light.reset(head);
-    this.beside.reset(head);
+    drawing.guard(() => drawing.renderer.setScene(held, reach(head)));
+    this.light.reset({ ...head, count: held });
+    this.beside.reset({ ...head, count: held });
     this.player.take(head.frame);
     if (again) drawing.hold();
     if (this.pick.id >= 0) this.pick.set(again && this.pick.id < head.count ? this.pick.id : -1);
@@ -178,6 +189,8 @@ export class App {
   /** Tell about the particle at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */
   pickAt(x, y) {
     const { camera } = this.viewpoint;
-    if (camera !== null && this.scene !== null) this.pick.set(this.drawing.renderer.idAt(camera, x, 1 - y));
+    if (camera === null || this.scene === null) return;
+    if (this.remote.active) this.remote.pickAt(x, y);
+    else this.pick.set(this.drawing.renderer.idAt(camera, x, 1 - y));
   }
 }

@@ -35,12 +35,23 @@ export class Coloring {
     this.current = "";
   }
 
+  /** Values are needed from now on, and some scalars came without. */
+  forgetRanges() {
+    for (const [name, { values }] of this.scalars) {
+      if (values.length) continue;
+      this.scalars.delete(name);
+      this.asked.delete(`${KIND.scalarRequest} ${name}`);
+    }
+    this.app.spheres.applyHiding();
+    this.changed();
+  }
+
   /** @param {any} head @param {Record<string, any>} arrays */
   takeScalar(head, arrays) {
     const { scene, panel } = this.app;
     if (head.epoch !== scene?.epoch) return;
     const { labels } = scene.scalars.find((/** @type {any} */ each) => each.name === head.name) ?? { labels: null };
-    this.scalars.set(head.name, { values: arrays.values, range: head.range, logRange: head.log_range, whole: head.whole, labels });
+    this.scalars.set(head.name, { values: arrays.values, range: head.range, logRange: head.log_range, whole: head.whole, missing: head.missing, labels });
     panel.hiding.show();
     this.app.spheres.applyHiding();
     this.changed();
@@ -70,7 +81,7 @@ export class Coloring {
       look.uniform = true;
     } else if (scalar && lut) {
       const wanted = JSON.stringify([scene.epoch, s.colorBy, s.colormap, s.range, s.log]);
-      if (wanted !== this.current) {
+      if (wanted !== this.current && scalar.values.length) {
         drawing.renderer.setValues(normalised(scalar, lut.length / 3, s.range, s.log));
         drawing.renderer.setLut(lut);
         this.current = wanted;
@@ -87,7 +98,7 @@ export class Coloring {
     const names = ["x", "y", "z"].map((component) => `${name}.${component}`);
     const channels = names.flatMap((each) => this.scalars.get(each) ?? []);
     this.askForScalars(names.filter((each) => !this.scalars.has(each)));
-    if (channels.length < 3) return;
+    if (channels.length < 3 || !channels[0].values.length) return;
     const wanted = JSON.stringify([this.app.scene.epoch, name, RGB]);
     if (wanted !== this.current) {
       this.app.drawing.renderer.setValues(packed(channels));
@@ -121,14 +132,15 @@ export class Coloring {
     drawColorbar(this.app.element("bar"), {
       lut, log: s.log, title: s.colorBy, labels,
       range: s.range ?? (s.log ? scalar.logRange : scalar.range),
-      noData: scalar.values.some(Number.isNaN) ? s.noData : null,
+      noData: (scalar.missing ?? scalar.values.some(Number.isNaN)) ? s.noData : null,
     });
   }
 
   /** Exposure or background changed. */
   toneChanged() {
     const s = this.app.panel.settings;
-    Object.assign(this.look, { exposure: s.exposure }, grading(s.background));
+    const { top, bottom } = grading(s.background);
+    Object.assign(this.look, { exposure: s.exposure, top, bottom });
     this.drawBar();
     this.app.drawing.toneChanged();
   }

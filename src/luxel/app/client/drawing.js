@@ -2,6 +2,7 @@
 
 import { download } from "./dom.js";
 import { Film } from "./film.js";
+import { NoRenderer } from "./norenderer.js";
 import { Overlay } from "./overlay.js";
 import { Renderer } from "./renderer.js";
 
@@ -18,7 +19,9 @@ export class Drawing {
     /** @type {HTMLCanvasElement} */
     this.canvas = app.element("view");
     this.overlay = new Overlay(/** @type {any} */ (app.element("overlay")));
-    this.renderer = new Renderer(this.canvas);
+    /** Why this browser cannot draw, if it cannot. @type {string | null} */
+    this.trouble = null;
+    this.renderer = this.makeRenderer();
     this.film = this.makeFilm();
     this.scheduled = false;
     this.heldUntil = 0;
@@ -33,6 +36,17 @@ export class Drawing {
     const resizes = new ResizeObserver(() => this.resize());
     resizes.observe(this.stage);
     signal.addEventListener("abort", () => resizes.disconnect());
+  }
+
+  /** The renderer, or where there can be none, what stands in for it while the server draws. */
+  makeRenderer() {
+    try {
+      return new Renderer(this.canvas);
+    } catch (error) {
+      if (!this.app.connection.live) throw error;
+      this.trouble = error instanceof Error ? error.message : String(error);
+      return /** @type {Renderer} */ (/** @type {unknown} */ (new NoRenderer(this.canvas)));
+    }
   }
 
   makeFilm() {
@@ -69,6 +83,7 @@ export class Drawing {
       this.guard(() => this.renderer.resize());
       this.film.restart();
     }
+    this.app.screenshot.fit(width, height);
     this.app.coloring.drawBar();
     this.drawOverlay();
     this.schedule();
@@ -85,6 +100,7 @@ export class Drawing {
   }
 
   step() {
+    if (this.app.remote.active) return this.app.remote.step();
     if (this.renderer.gl.isContextLost()) return;
     const { app } = this;
     if (this.held) return this.schedule();
@@ -131,7 +147,7 @@ export class Drawing {
       this.film = this.makeFilm();
       this.resize();
       if (app.scene !== null) {
-        this.renderer.setScene(app.scene.count, reach(app.scene));
+        this.renderer.setScene(app.spheres.shown.count, reach(app.scene));
         app.spheres.shown.dirty.all();
         app.spheres.flush();
       }

@@ -26,6 +26,7 @@ export class FileTransport {
   constructor(page) {
     this.page = page;
     this.connected = false;
+    this.live = false;
     /** @type {Transport["onmessage"]} */
     this.onmessage = null;
     /** @type {Transport["onopen"]} */

@@ -148,7 +148,8 @@ export class Illumination {
   /** Tell the server what is visible and has no light yet. */
   ask() {
     clearTimeout(this.timer);
-    const { state, baked, app: { beside } } = this;
+    const { state, baked, app: { beside, remote } } = this;
+    if (remote.active) return;
     const lit = state === null || state.model === "lambertian" || baked?.complete;
     const waiting = !lit && this.askFor(state.key, this.requests, this.store);
     const { tiles } = beside;
@@ -166,6 +167,7 @@ export class Illumination {
   }
 
   counts() {
+    if (this.app.remote.active) return this.app.remote.counts;
     return { visible: this.sight.count, ...this.sight.litCount(this.store, this.coarse) };
   }
 

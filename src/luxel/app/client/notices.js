@@ -3,6 +3,7 @@
 /** @typedef {import("./app.js").App} App */
 
 const PASSING_MS = 8000;
+const MILD = new Set(["notice", "waiting", "study", "drawing"]); // causes that are no trouble
 const PERIOD_MS = 500; // between two status lines while frames are drawn
 const FPS_MS = 400; // over which frames are counted
 
@@ -34,7 +35,7 @@ export class Notices {
 
   show() {
     const { app } = this;
-    const { frameCount } = app.drawing.renderer;
+    const frameCount = app.remote.active ? app.remote.frames : app.drawing.renderer.frameCount;
     const now = performance.now();
     if (now - this.shownAt > FPS_MS) {
       const frames = frameCount - this.framesSeen;
@@ -61,9 +62,10 @@ export class Notices {
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
       if (app.light.store.dropped) parts.push("texture memory full");
     }
-    const other = app.beside.counts();
+    const other = app.remote.active ? null : app.beside.counts();
     if (other && other.model !== "lambertian") parts.push(other.ready >= visible ? "right side lit" : `${n(other.ready)} lit on the right`);
-    if (this.fps >= 0.5) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
+    if (app.remote.active) parts.push("drawn by the server");
+    if (this.fps >= 0.5 && !app.remote.shown?.final) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);
     app.element("counts").textContent = parts.join("  ·  ");
     /** @type {HTMLProgressElement} */
     const progress = app.element("progress");
@@ -83,6 +85,6 @@ export class Notices {
     const banner = this.app.element("banner");
     banner.textContent = [...this.troubles.values()].join("\n");
     banner.hidden = this.troubles.size === 0;
-    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => ["notice", "waiting", "study"].includes(key)));
+    banner.classList.toggle("mild", [...this.troubles.keys()].every((key) => MILD.has(key)));
   }
 }

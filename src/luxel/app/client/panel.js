@@ -40,7 +40,6 @@ export { finder };
  * @property {() => void} fit
  * @property {(axis: string, negative: boolean) => void} axis
  * @property {() => void} projection
- * @property {() => void} save
  * @property {() => void} layout the panel was shown or hidden
  * @property {(title: string) => void} titled the data set has a name
  */
@@ -103,7 +102,6 @@ export class Panel {
     /** Changes that the server does not know yet, by the control. @type {Record<string, {pending: () => boolean}>} */
     this.changes = { sky, radius, sun, azimuth: sun, elevation: sun, diameter: sun, frame };
     on("frame-all", "click", () => listener.fit());
-    on("save", "click", () => listener.save());
     on("orthographic", "change", () => listener.projection());
     for (const button of root.querySelectorAll("[data-axis]")) {
       const axis = /** @type {HTMLElement} */ (button).dataset.axis ?? "x";

@@ -46,7 +46,8 @@ export class Player {
 
   /** Whether the step that was asked for last is on the screen. */
   get drawn() {
-    const { scene, spheres, coloring, drawing } = this.app;
+    const { scene, spheres, coloring, drawing, remote } = this.app;
+    if (remote.active) return scene.frame === this.awaited && remote.current;
     return scene.frame === this.awaited && spheres.shown.loaded === scene.count && !coloring.waiting && drawing.film.shown !== null;
   }
 

@@ -9,6 +9,8 @@ export const KIND = {
   codec: 32, payload: 33,
   setView: 40, loadView: 41, inspect: 42, view: 50, particle: 51,
   compare: 60, beside: 61,
+  drawBy: 70, stream: 71, stopStream: 72, confirmFrame: 73, pickAt: 74, takeScreenshot: 75, cancelScreenshot: 76, confirmParts: 77,
+  frame: 80, picked: 81, screenshotState: 82, screenshotPart: 83,
 };
 
 /** @typedef {Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array | Int8Array} Values */

@@ -17,6 +17,7 @@ const RETRY_MS = [300, 1000, 2000, 5000];
 export class SocketTransport {
   constructor() {
     this.attempts = 0;
+    this.live = true;
     /** @type {Transport["onmessage"]} */
     this.onmessage = null;
     /** @type {Transport["onopen"]} */

@@ -56,13 +56,14 @@ export class Spheres {
   }
 
   applyHiding() {
-    const { scene, panel, coloring } = this.app;
+    const { scene, panel, coloring, drawing } = this.app;
     if (scene === null) return;
     const { shown } = this;
     const changed = shown.hide([...panel.settings.hide, ...this.opened], coloring.scalars, scene);
     coloring.askForScalars(shown.missing);
     panel.hiding.showCount(shown.hiddenCount, shown.count);
     if (changed) this.upload();
+    else drawing.schedule(); // where the server draws, it has to know
   }
 
   /** @param {number} scale of all radii */

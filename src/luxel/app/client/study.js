@@ -66,10 +66,11 @@ export class Study {
 
   /** Bring the list of models in line with the scene. */
   offer() {
-    const { scene, light } = this.app;
+    const { scene, light, remote } = this.app;
     const list = this.app.element("study-models");
     const [legend] = list.children;
-    const models = scene.light_fixed ? [...new Set([light.state.model, "lambertian"])] : scene.models;
+    const baked = remote.active ? [light.state.model] : [...new Set([light.state.model, "lambertian"])];
+    const models = scene.light_fixed ? baked : scene.models;
     if (list.dataset.models === String(models)) return;
     list.dataset.models = String(models);
     list.replaceChildren(legend, ...models.map((/** @type {string} */ name) => {
@@ -175,8 +176,9 @@ export class Study {
 
   /** Whether the picture of this trial is complete. */
   get ready() {
-    const { light, beside, coloring, scene, spheres, drawing: { film } } = this.app;
+    const { light, beside, coloring, scene, spheres, remote, drawing: { film } } = this.app;
     const { model } = this.trial, { shown } = film;
+    if (remote.active) return this.loaded && light.state.model === model && remote.current && remote.shown.final;
     const lit = () => {
       const other = beside.counts();
       const { visible, ready } = light.counts();

@@ -26,6 +26,7 @@ export class CommTransport {
     this.model = model;
     this.page = crypto.getRandomValues(new Uint32Array(4)).join("-"); // randomUUID wants a secure context
     this.connected = false;
+    this.live = true;
     this.timer = 0;
     /** @type {Transport["onmessage"]} */
     this.onmessage = null;
