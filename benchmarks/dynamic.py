@@ -138,7 +138,7 @@ def memory(count: int, budget_mb: int, frames_: int) -> list[dict[str, Any]]:
     gc.collect()
     looks = views(count, 35_000, 0.3)
     next(looks)
-    before = _resident()
+    before = resident()
     engine = engine_of(count, budget_mb << 20)
     most, table = 0, None
     peak = threading.Event()
@@ -157,7 +157,7 @@ def memory(count: int, budget_mb: int, frames_: int) -> list[dict[str, Any]]:
             "particles": count,
             "budget MiB": budget_mb,
             "counted, most MiB": most / 2**20,
-            "resident, more MiB": (_resident() - before) / 2**20,
+            "resident, more MiB": (resident() - before) / 2**20,
             "textures made": stats.ready,
             "evicted": stats.evicted,
             "dropped": stats.dropped,
@@ -166,7 +166,8 @@ def memory(count: int, budget_mb: int, frames_: int) -> list[dict[str, Any]]:
     ]
 
 
-def _resident() -> int:
+def resident() -> int:
+    """Bytes of memory that this process holds now."""
     status = Path("/proc/self/statm")
     if status.exists():
         return int(status.read_text().split()[1]) * resource.getpagesize()

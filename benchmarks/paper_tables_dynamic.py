@@ -1,8 +1,11 @@
 """The paper's tables 5 and 6 and its figure 8: dynamic textures. Run through ``benchmarks.paper_tables``.
 
-The camera path "arc": 100 views of everything, a quarter turn from azimuth -60° on, from 35° above the horizon, 512².
+The camera path "arc": 100 views, a quarter turn from azimuth -60° on, from 35° above the horizon, 512², at half the distance at which
+everything is in view, so that the data fills the picture. "arc, far" is as far away as that, where most particles are smaller than a pixel.
 
-table5: memory. "one view" and "arc" are the particles that one ray a pixel meets, of the first view and of all of them.
+table5: memory. "one view" and "arc" are the particles that one ray a pixel meets, of the first view and of all of them. The last columns are about a
+cache that keeps eight principal components a texture, learnt as textures come: particles a MB, with all that a slot costs, and the RMS error in
+codes, beside that of a basis learnt from all of them.
 table6: frames a second along the arc, one ray a pixel. "query only": the same Lambert and the same shadow rays, every
 pixel looked up, every visible particle requested, generation off. "outstanding": from an empty cache, while requests
 wait. "completed": all textures there, one bilinear lookup a pixel as in the paper; "filtered" is what the viewer
@@ -27,10 +30,12 @@ from numpy.typing import NDArray
 import luxel
 from benchmarks.dynamic import engine_of
 from benchmarks.light_scenes import DataSet
+from luxel.dynamic.cache import TextureCache
 from luxel.picture.frames import Frame, Frames
 from luxel.picture.raytrace import visible_ids
 from luxel.session import Session
 from luxel.textures.bake import Baker, bake_with
+from luxel.textures.codecs import Distortion, IncrementalPCA
 from luxel.textures.spec import TextureSpec, light_key
 from luxel.trace.tree import thread_count
 
@@ -59,18 +64,21 @@ _PAPER_TABLE6 = (
 )
 
 
-def arc(particles: luxel.Particles, count: int = 100) -> list[luxel.Camera]:
-    """The named camera path, thinned out to `count` views."""
-    return [
-        luxel.Camera.framing(particles.bounds, azimuth=azimuth, elevation=35.0, aspect=1.0)
-        for azimuth in np.linspace(-60.0, 30.0, count)
-    ]
+def arc(particles: luxel.Particles, count: int = 100, distance: float = 0.5) -> list[luxel.Camera]:
+    """The named camera path, thinned out to `count` views; `distance` over that at which everything is in view."""
+    path = []
+    for azimuth in np.linspace(-60.0, 30.0, count):
+        whole = luxel.Camera.framing(particles.bounds, azimuth=azimuth, elevation=35.0, aspect=1.0)
+        target = np.asarray(whole.target)
+        eye = target + distance * (np.asarray(whole.eye) - target)
+        path.append(luxel.Camera(eye, target, up=whole.up, fov=whole.fov))
+    return path
 
 
-def _seen(data: DataSet, count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _seen(data: DataSet, path: list[luxel.Camera]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Ids of the first view, and of all views of the path."""
     scene = luxel.Scene(data.particles)
-    looks = [visible_ids(scene, camera, _SIZE) for camera in arc(data.particles, count)]
+    looks = [visible_ids(scene, camera, _SIZE) for camera in path]
     return looks[0], np.unique(np.concatenate(looks))
 
 
@@ -79,7 +87,7 @@ def table5(sets: list[DataSet], quick: bool) -> Rows:
     rows: Rows = []
     for data in sets:
         count = len(data.particles)
-        one, union = _seen(data, 100)
+        one, union = _seen(data, arc(data.particles))
         engine = engine_of(count, _BYTES)
         engine.request("light", union, lambda ids: (np.zeros(len(ids)), None))
         engine.wait()
@@ -96,6 +104,7 @@ def table5(sets: list[DataSet], quick: bool) -> Rows:
                 "with all bookkeeping": found.nbytes / 2**20,
                 "PLT, MB": count * _TEXTURE / 2**20,
                 "PCA-8, MB": (8 * count + _PCA_SHARED) / 2**20,
+                **_compressed(data, union, quick),
             }
         )
     for name, count, percent, dlt, plt, pca in _PAPER_TABLE5:
@@ -112,43 +121,36 @@ def table5(sets: list[DataSet], quick: bool) -> Rows:
     return rows
 
 
+def _compressed(data: DataSet, seen: NDArray[np.int32], quick: bool) -> dict[str, Any]:
+    """What a cache gains by compression, on textures of what is seen."""
+    ids = np.sort(np.random.default_rng(0).permutation(seen)[: 4096 if quick else 32_768])
+    baker = Baker(data.scene("sky+sun"), _SPEC)
+    baker.prepare(thread_count(None))
+    codes = bake_with(baker, ids).codes
+    caches = [TextureCache(16, _BYTES, components=components) for components in (0, 8)]
+    for cache in caches:
+        light = cache.begin("light", len(data.particles), 1.0, "linear")
+        start, size = 0, 16
+        while start < len(ids):  # as an engine makes them
+            cache.publish(light, ids[start : start + size], codes[start : start + size])
+            start, size = start + size, min(256, 2 * size)
+    raw, packed = (cache.capacity * 2**20 / cache.max_bytes for cache in caches)
+    whole = IncrementalPCA().partial_fit(codes).codec(8)
+    return {
+        "raw, particles a MB": raw,
+        "DLT-8, particles a MB": packed,
+        "DLT-8, RMSE": caches[1].stats().error,
+        "basis from all, RMSE": Distortion.of(whole, codes, whole.encode(codes)).rmse,
+    }
+
+
 def table6(sets: list[DataSet], quick: bool) -> Rows:
     """Frame rates of Lambert with shadows, query only, outstanding, completed."""
     rows: Rows = []
-    for data in sets:
-        path = arc(data.particles, 24 if quick else 100)
-        scene = data.scene("sky+sun")
-        with Session(scene, spec=_SPEC, threads=0) as idle, _filled(data, len(path)) as full:
-            rivals = {
-                "Lambert": Frames(scene, size=_SIZE, shading="shadows", antialias=1),
-                "query only": Frames(idle, size=_SIZE, shadows=True, antialias=1),
-                "completed": Frames(full, size=_SIZE, antialias=1, filtered=False),
-                "filtered": Frames(full, size=_SIZE, antialias=1),
-            }
-            seconds: dict[str, list[float]] = {name: [] for name in rivals}
-            for turn, camera in enumerate([*path[:2], *path]):  # two to warm up
-                for name, frames in rivals.items():
-                    took, frame = _timed(frames, camera)
-                    if turn >= 2:
-                        seconds[name].append(took)
-                    if name in ("completed", "filtered"):
-                        assert frame.ready == frame.visible, "a texture is missing"
-            outstanding = _outstanding(scene, path)
-        row: dict[str, Any] = {
-            "scene": data.name,
-            "Lambert + shadow, frames/s": 1 / statistics.median(seconds["Lambert"]),
-        }
-        for name in ("query only", "outstanding", "completed", "filtered"):
-            if name == "outstanding":
-                row[name] = (
-                    f"{1 / outstanding:.1f} ({statistics.median(seconds['Lambert']) / outstanding:.2f}x)"
-                )
-                continue
-            pairs = [a / b for a, b in zip(seconds["Lambert"], seconds[name], strict=True)]
-            low, middle, high = statistics.quantiles(pairs, n=4)
-            row[name] = f"{1 / statistics.median(seconds[name]):.1f} ({middle:.2f}x, {low:.2f}-{high:.2f})"
-        row["lookup, ns a pixel"] = _lookup_ns(data)
-        rows.append(row)
+    for distance in (0.5, 1.0):
+        for data in sets:
+            path = arc(data.particles, (24 if distance < 1 else 12) if quick else 100, distance)
+            rows.append({"scene": data.name + ", far" * (distance == 1), **_frame_rates(data, path)})
     for name, lambert, query, waiting, completed in _PAPER_TABLE6:
         rows.append(
             {
@@ -159,7 +161,49 @@ def table6(sets: list[DataSet], quick: bool) -> Rows:
                 "completed": f"{completed} ({completed / lambert:.2f}x)",
             }
         )
+    rows.append(
+        {
+            "scene": "target",
+            "query only": ">= 0.95x",
+            "outstanding": ">= 0.5x",
+            "completed": ">= 1.9x",
+            "lookup, ns a pixel": "<= 15",
+        }
+    )
     return rows
+
+
+def _frame_rates(data: DataSet, path: list[luxel.Camera]) -> dict[str, Any]:
+    """One row of table 6."""
+    scene = data.scene("sky+sun")
+    with Session(scene, spec=_SPEC, threads=0) as idle, _filled(data, path) as full:
+        rivals = {
+            "Lambert": Frames(scene, size=_SIZE, shading="shadows", antialias=1),
+            "query only": Frames(idle, size=_SIZE, shadows=True, antialias=1),
+            "completed": Frames(full, size=_SIZE, antialias=1, filtered=False),
+            "filtered": Frames(full, size=_SIZE, antialias=1),
+        }
+        seconds: dict[str, list[float]] = {name: [] for name in rivals}
+        for turn, camera in enumerate([*path[:2], *path]):  # two to warm up
+            for name, frames in rivals.items():
+                took, frame = _timed(frames, camera)
+                if turn >= 2:
+                    seconds[name].append(took)
+                if name in ("completed", "filtered"):
+                    assert frame.ready == frame.visible, "a texture is missing"
+        for frames in rivals.values():
+            frames.close()
+    outstanding = _outstanding(scene, path)
+    row: dict[str, Any] = {"Lambert + shadow, frames/s": 1 / statistics.median(seconds["Lambert"])}
+    for name in ("query only", "outstanding", "completed", "filtered"):
+        if name == "outstanding":
+            row[name] = f"{1 / outstanding:.1f} ({statistics.median(seconds['Lambert']) / outstanding:.2f}x)"
+            continue
+        pairs = [a / b for a, b in zip(seconds["Lambert"], seconds[name], strict=True)]
+        low, middle, high = statistics.quantiles(pairs, n=4)
+        row[name] = f"{1 / statistics.median(seconds[name]):.1f} ({middle:.2f}x, {low:.2f}-{high:.2f})"
+    row["lookup, ns a pixel"] = _lookup_ns(data, path[0])
+    return row
 
 
 def splits(sets: list[DataSet], quick: bool) -> Rows:
@@ -243,11 +287,11 @@ def figure8(sets: list[DataSet], quick: bool) -> Rows:
 
 
 @contextmanager
-def _filled(data: DataSet, views: int) -> Iterator[Session]:
+def _filled(data: DataSet, path: list[luxel.Camera]) -> Iterator[Session]:
     """A session that has every texture that the path shows."""
-    union = _seen(data, views)[1]
+    union = _seen(data, path)[1]
     with Session(data.scene("sky+sun"), spec=_SPEC, max_bytes=_BYTES) as session:
-        eye = arc(data.particles, 1)[0].eye
+        eye = path[0].eye
         session.sighted(union, eye)
         while not session.wait(0.5):
             session.sighted(union, eye)  # requests lapse unless somebody keeps looking
@@ -335,10 +379,9 @@ def _bake_rate(baker: Baker, seen: NDArray[np.int32], threads: int, for_s: float
     return done / took
 
 
-def _lookup_ns(data: DataSet) -> float:
+def _lookup_ns(data: DataSet, camera: luxel.Camera) -> float:
     """Thread time of a picture that looks textures up over one of plain Lambert, a covered pixel."""
     scene = data.scene("sky+sun")
-    camera = arc(data.particles, 1)[0]
     seen = visible_ids(scene, camera, _SIZE)
     codes = np.random.default_rng(0).integers(0, 256, (len(seen), 16, 16)).astype(np.uint8)
     count, view = len(data.particles), luxel.View(camera=camera)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from luxel.arrays import as_ids, as_vector
+from luxel.dynamic.budget import BudgetDriver
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.engine import Engine
 from luxel.dynamic.entries import ESTIMATE
@@ -118,8 +119,14 @@ class Session:
         How clients should look at it at first; the session only keeps it.
     threads
         Baking threads; None means one a core, 0 none: :meth:`run_for` does the work.
+    bake_budget_s
+        Seconds of a frame, at most 1, for which these threads work on light at a time, instead of all the time; they leave the rest of it to those who draw. A
+        frame is a thirtieth of a second, or the budget if that is longer. 0 for no such limit.
     max_bytes
         Budget of the texture cache.
+    components
+        Keep textures compressed, as so many principal components of a byte each, learnt from those that come, so that many more find room; 8 is a good number. 0
+        keeps them as they are made.
     estimates
         Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) come before those of `spec`. Only for clients that keep
         sighting what has no more than an estimate.
@@ -159,7 +166,9 @@ class Session:
         spec: TextureSpec | None = None,
         view: View | None = None,
         threads: int | None = None,
+        bake_budget_s: float = 0.0,
         max_bytes: int = 256 << 20,
+        components: int = 0,
         estimates: bool = False,
         small_pixels: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
@@ -170,16 +179,21 @@ class Session:
             spec = self._baked.spec
         self.spec = TextureSpec(mode="fast", samples=DEFAULT_SAMPLES["fast"]) if spec is None else spec
         self.view = view
-        self._thread_count = 0 if threads == 0 else thread_count(threads)
+        count = 0 if threads == 0 else thread_count(threads)
+        if not 0 <= bake_budget_s <= 1:
+            raise InputError(f"bake_budget_s must be seconds in [0, 1], got {bake_budget_s!r}")
+        if bake_budget_s > 0 and not count:
+            raise InputError("a budget for baking is for threads, and threads is 0 — call run_for() with it")
         self._make_baker = Baker if make_baker is None else make_baker
         self._lock = threading.RLock()
-        self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping)
+        self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping, components=components)
         self._estimates = estimates
         self._clock = clock
         self._engine, self._engine_beside = (
-            Engine(self._cache, threads=self._thread_count, clock=clock, small_pixels=small_pixels)
+            Engine(self._cache, threads=0 if bake_budget_s else count, clock=clock, small_pixels=small_pixels)
             for _ in range(2)
         )
+        self._driver = BudgetDriver(self.run_for, bake_budget_s, count) if bake_budget_s else None
         self._beside: _Lit | None = None  # what is compared with
         self._closed = False
         self.series: Sequence[Particles]
@@ -287,7 +301,9 @@ class Session:
             width = None if width is None else width[order]
         spheres = SphereSet.of(lit.scene.particles)
         at = spheres.to_unit(as_vector(eye, "eye"))
-        engine.request(lit.key, visible, _Look(spheres, at, lit.diagonal, visible, width), client)
+        look = _Look(spheres, at, lit.diagonal, visible, width)
+        if engine.request(lit.key, visible, look, client) and self._driver is not None:
+            self._driver.wake()
 
     def tiles(self, ids: ArrayLike, key: str | None = None) -> TileBatch:
         """Return the finished textures among `ids`, under the current light key or another that is still cached."""
@@ -482,17 +498,20 @@ class Session:
         """Block until everything requested is ready; False if that takes longer than `timeout_s`."""
         return self._engine.wait(timeout_s) and self._engine_beside.wait(timeout_s)
 
-    def run_for(self, budget_s: float) -> None:
-        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2."""
+    def run_for(self, budget_s: float) -> int:
+        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2; return pieces of work done."""
         end_s = self._clock() + budget_s
-        self._engine.run_for(budget_s)
+        done = self._engine.run_for(budget_s)
         if self._beside is not None and (left_s := end_s - self._clock()) > 0:
-            self._engine_beside.run_for(left_s)
+            done += self._engine_beside.run_for(left_s)
+        return done
 
     def close(self) -> None:
         """Stop baking and join the threads; closing twice does no harm."""
         with self._lock:
             self._closed = True
+        if self._driver is not None:
+            self._driver.close()
         self._engine.close()
         self._engine_beside.close()
 

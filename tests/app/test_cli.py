@@ -17,6 +17,7 @@ from luxel.light.mapping import Mapping
 from luxel.picture.image import Image
 from luxel.scene.lights import default_lights, sun_direction
 from luxel.scene.scene import MODELS
+from luxel.session import Session
 
 COUNT = 40
 
@@ -338,6 +339,39 @@ def test_view_serves_a_session(file, served, capsys):
         True,
     )
     assert capsys.readouterr().out == "http://127.0.0.1:1/?token=x\n"
+
+
+@pytest.mark.parametrize("command", ["view", "demo"])
+@pytest.mark.parametrize(
+    "given, threads, budget_s",
+    [
+        ([], None, 0),
+        (["--threads", "3"], 3, 0),
+        (["--threads", "3", "--bake-threads", "1"], 1, 0),
+        (["--bake-budget", "33ms"], None, 0.033),
+        (["--bake-threads", "2", "--bake-budget", "0.02s"], 2, 0.02),
+        (["--bake-budget", "1 s"], None, 1),
+    ],
+)
+def test_light_gets_the_share_that_is_asked_for(file, served, monkeypatch, command, given, threads, budget_s):
+    made = []
+
+    class Noted(Session):
+        def __init__(self, *what, **options):
+            made.append(options)
+            super().__init__(*what, **options)
+
+    monkeypatch.setattr("luxel.session.Session", Noted)
+    assert cli.main([command, *([file] if command == "view" else []), *given]) == 0
+    assert made[0]["threads"] == threads
+    assert made[0]["bake_budget_s"] == pytest.approx(budget_s)
+
+
+@pytest.mark.parametrize("given", ["33", "0ms", "-1ms", "2s", "1m", "ms", "nan"])
+def test_a_budget_needs_a_unit_and_a_range(file, served, capsys, given):
+    with pytest.raises(SystemExit):
+        cli.main(["view", file, f"--bake-budget={given}"])
+    assert "expected a time above 0 and up to 1s" in capsys.readouterr().err
 
 
 def test_view_checks_the_scalar_first(file, served, capsys):

@@ -265,6 +265,37 @@ def test_feed_waits_for_confirmation() -> None:
     assert first + second == ids.tolist()
 
 
+def test_small_messages_do_not_use_the_window_up() -> None:
+    feed = Feed(64)
+    feed.reset(100_000)
+    feed.want(np.arange(100_000, dtype=np.int32))
+    sizes, ready = [], 0
+    for small in range(600):  # a page that confirms nothing, and one texture after the other
+        feed.publish(np.array([small], np.int32))
+        ready += 1
+        if (batch := feed.take()) is not None:
+            sizes.append(len(batch))
+            ready -= len(batch)
+            assert ready == 0
+    # At once at first, then as much as is on its way, then whole messages; never much more than four of these.
+    assert sizes == [1, 1, 1, 1, 4, 8, 16, 32, 64, 64, 64]
+    feed.confirm(11)
+    batch = feed.take()
+    assert batch is not None
+    assert len(batch) == 64
+
+
+def test_a_page_that_stalls_gets_few_messages_however_often_the_light_changes() -> None:
+    feed = Feed()
+    count = 0
+    for _ in range(100):
+        feed.reset(10)
+        feed.want(np.arange(10, dtype=np.int32))
+        feed.publish(np.arange(10, dtype=np.int32))
+        count += feed.take() is not None
+    assert 4 <= count <= 16
+
+
 def test_feed_sends_what_the_page_keeps_once_only() -> None:
     feed = Feed(2, once=True)
     feed.reset(10)

@@ -76,6 +76,7 @@ def test_the_order_is_of_the_seed_and_every_pair_comes_once(page: Page) -> None:
 def test_a_study_shows_complete_pictures_and_writes_timed_answers(page: Page, viewer: Viewer) -> None:
     order = page.run("import('/client/study.js').then(m => m.trials(2, ['lambertian', 'shadows'], 7))")
     before = page.run("luxel.savedView()")
+    choose(page, "beside", "ao")
     choose(page, "study-question", 'A "crack", or not?')
     choose(page, "study-answers", "yes, no, cannot say")
     page.run("document.getElementById('study-start').click()")
@@ -88,7 +89,9 @@ def test_a_study_shows_complete_pictures_and_writes_timed_answers(page: Page, vi
         state = page.run("luxel.state()")
         assert expected["model"] == "lambertian" or state["ready"] >= state["visible"]
         assert state["visible"] > 0
-        assert page.run("document.getElementById('curtain').hidden")
+        assert page.run(
+            "document.getElementById('curtain').hidden && document.getElementById('divider').hidden"
+        )
         cameras.append(page.run("luxel.camera()")["eye"])
         if k == 0:
             page.press("4")  # no such answer
@@ -113,6 +116,8 @@ def test_a_study_shows_complete_pictures_and_writes_timed_answers(page: Page, vi
     page.run("luxel.synced()")
     page.wait("luxel.state().model", WAIT_S, lambda model: model == before["light"]["model"])
     assert page.run("luxel.savedView()") == before
+    assert page.run("luxel.app.beside.model") == "ao"  # out of the way meanwhile
+    choose(page, "beside", "")
     assert page.run("getComputedStyle(document.getElementById('panel')).display") != "none"
 
 

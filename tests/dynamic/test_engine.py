@@ -262,7 +262,7 @@ def test_only_the_latest_bakers_are_kept():
 
 def slow_stage(texture_s: float, **options) -> Stage:
     clock = Clock()
-    stage = Stage(count=100_000, clock=clock, shards=1, texture_s=texture_s, **options)
+    stage = Stage(**{"count": 100_000, "clock": clock, "shards": 1, "texture_s": texture_s} | options)
     stage.baker_options["clock"] = clock
     stage.select("day")
     return stage
@@ -347,6 +347,34 @@ def test_several_threads_may_call_back_at_once():
     assert stage.engine.wait()
     assert stage.ready("day") == set(range(1000))
     assert len(stage.heard) == len(set(stage.heard))
+
+
+@pytest.mark.parametrize("shards", [1, 8])
+@pytest.mark.parametrize("budget_s", [None, 0.03])
+def test_one_that_stays_visible_is_served_within_its_bound_whatever_comes_in_before_it(shards, budget_s):
+    """Of four pieces of work one goes to what has waited longest: with w of these, all are served by piece 4 (w + 1).
+
+    With a budget a frame that is too short for two pieces, by frame 4 (w + 1).
+    """
+    stage = slow_stage(0.5, shards=shards, count=20_000, texels=16)
+    stage.request("day", [19_999])
+    stage.engine.wait()  # the pace is known: a piece is one texture
+    far = list(range(5))
+    stage.request("day", far, distance=np.full(5, 9.0), client="far")
+    waits = min(shards, len(far)) + len(far)  # first light goes by shards, textures one by one
+    for step in range(4 * (waits + 1)):
+        stage.clock.now_s += 0.01
+        fresh = 100 + 40 * step
+        stage.request(
+            "day", range(fresh, fresh + 40), client="near"
+        )  # first light, then textures: all before the far ones
+        if budget_s is None:
+            stage.engine.run_once()
+        else:
+            stage.engine.run_for(budget_s)
+        if set(far) <= stage.ready("day"):
+            break
+    assert set(far) <= stage.ready("day")
 
 
 def test_the_last_requests_are_spread_over_threads():

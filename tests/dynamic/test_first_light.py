@@ -7,6 +7,7 @@ import threading
 import numpy as np
 import pytest
 
+from luxel.dynamic.sightings import shard_of
 from luxel.textures.textures import FIRST_LIGHT
 
 from .fakes import GUARD_S, FakeBaker, Stage, ids_of, record_of
@@ -39,6 +40,25 @@ def test_first_light_comes_before_textures_and_before_what_they_need():
     assert set(kinds[:ready]) == {"first light"}
     assert set(kinds[ready + 1 :]) == {"bake"}
     assert stage.dawned == [("day", each) for each in range(3000)]  # the nearest first
+
+
+def test_first_light_of_all_shards_comes_before_textures_of_any():
+    stage = Stage(count=40_000, texels=16, shards=8)
+    stage.select("day")
+    stage.request("day", range(20_000))
+    stage.engine.wait()  # the baker is prepared, so that textures could be made at once
+    work = stage.bakers["day"].work
+    work.clear()
+    later = np.arange(20_000, 40_000, dtype=np.int32)
+    visible = later[
+        shard_of(later, 8).astype(int) ** 2 * 40 > later % 2000
+    ]  # more of one shard than of the other
+    stage.request("day", visible)
+    stage.engine.wait()
+    kinds = [kind for kind, _ in work]
+    assert kinds.count("first light") >= 8
+    assert kinds == sorted(kinds, reverse=True)
+    assert sum(len(ids) for kind, ids in work if kind == "bake") == len(visible)
 
 
 def test_what_comes_into_sight_later_goes_before_textures_that_wait():

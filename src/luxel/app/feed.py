@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 __all__ = ["Feed"]
 
 _BATCH_COUNT = 1024  # tiles in one message: 256 kB
-_IN_FLIGHT_MAX = 4  # messages that may await confirmation
+_IN_FLIGHT_MAX = 4  # full messages that may await confirmation
+_SMALL_MAX = 16  # and messages of any size
 
 
 class Feed:
     """Tiles for one page under one light: those it wants, in the order they got ready, never too many at once.
+
+    Small messages do not use the window up. What is ready goes at once while few are on their way; then it waits until it is as
+    much as all of these together, or the page has caught up.
 
     Not thread-safe; belongs to the event loop.
 
@@ -33,6 +37,7 @@ class Feed:
         self._wanted = np.zeros(0, dtype=np.bool_)
         self._ready: deque[NDArray[np.int32]] = deque()
         self._in_flight: deque[NDArray[np.int32]] = deque()
+        self._sizes: deque[int] = deque()  # of the messages in flight
         self._confirmed = 0
 
     def reset(self, count: int) -> None:
@@ -63,7 +68,7 @@ class Feed:
 
         Every id returned counts as on its way until :meth:`confirm`.
         """
-        if len(self._in_flight) >= _IN_FLIGHT_MAX:
+        if not self._may_send():
             return None
         taken: list[NDArray[np.int32]] = []
         room = self._batch_count
@@ -82,14 +87,26 @@ class Feed:
         if self._once:
             self._sent[batch] = True
         self._in_flight.append(batch)
+        self._sizes.append(len(batch))
         return batch
 
     def confirm(self, batches: int) -> None:
         """Take the page's word that it has `batches` messages in all."""
         while self._confirmed < batches and self._in_flight:
             self._in_flight.popleft()
+            self._sizes.popleft()
             self._confirmed += 1
 
     def withdraw(self) -> None:
         """Undo the last :meth:`take`: its message was not sent after all."""
         self._in_flight.pop()
+        self._sizes.pop()
+
+    def _may_send(self) -> bool:
+        count, tiles = len(self._sizes), sum(self._sizes)
+        if count < _IN_FLIGHT_MAX:
+            return True
+        if count >= _SMALL_MAX or tiles >= _IN_FLIGHT_MAX * self._batch_count:
+            return False
+        waiting = sum(int(np.count_nonzero(self._wanted[ids])) for ids in self._ready)
+        return waiting >= min(max(tiles, 1), self._batch_count)

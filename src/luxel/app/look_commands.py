@@ -12,9 +12,11 @@ from luxel.app.options import (
     LIGHTS,
     RENDERERS,
     SunOption,
+    add_bake_options,
     add_file_options,
     add_scene_options,
     aim,
+    bake_share,
     build_look,
     fill_light,
     given_light,
@@ -62,6 +64,7 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
 def _view_options(parser: argparse.ArgumentParser) -> None:
     add_file_options(parser)
     _add_server_options(parser)
+    add_bake_options(parser)
     add_scene_options(parser, samples=" (default: 2, with --mode paper 49)")
 
 
@@ -69,6 +72,7 @@ def _demo_options(parser: argparse.ArgumentParser) -> None:
     _add_output_option(parser, "--render")
     add_picture_options(parser)
     _add_server_options(parser)
+    add_bake_options(parser)
     parser.set_defaults(light="texture", json=False)
     add_scene_options(parser, samples=" (default: 1)")
 
@@ -159,7 +163,7 @@ def _view(options: argparse.Namespace) -> None:
         look = stored_look(options, baked)
         frame = baked[look.frame or 0]
         view = _ready(options, look.view, frame.particles)
-        _serve(options, Session(baked, frame=frame.index, view=view, threads=options.threads), view)
+        _serve(options, Session(baked, frame=frame.index, view=view, **bake_share(options)), view)
     else:
         look = build_look(options)
         series, k = open_series(options, look.frame)
@@ -325,7 +329,7 @@ def _serve_light(
     fill_light(options)
     spec = texture_spec(options)
     view = _ready(options, look.view, particles)
-    session = Session(target, frame=frame, lighting=look.light, spec=spec, view=view, threads=options.threads)
+    session = Session(target, frame=frame, lighting=look.light, spec=spec, view=view, **bake_share(options))
     say_if_dark(session.scene)
     _serve(options, session, view)
 

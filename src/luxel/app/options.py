@@ -7,7 +7,17 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from luxel.app.parse import SunOption, axes, number, picture_size, positive_int, radius, sky_levels, sun
+from luxel.app.parse import (
+    SunOption,
+    axes,
+    frame_budget,
+    number,
+    picture_size,
+    positive_int,
+    radius,
+    sky_levels,
+    sun,
+)
 
 if TYPE_CHECKING:
     from luxel.particles import Particles
@@ -19,13 +29,16 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SunOption",
+    "add_bake_options",
     "add_file_options",
     "add_light_options",
     "add_scene_options",
+    "bake_share",
     "build_lights",
     "build_look",
     "build_view",
     "fill_light",
+    "frame_budget",
     "given_light",
     "number",
     "picture_size",
@@ -50,6 +63,29 @@ _NUMBER = re.compile(r"-\.?\d")
 def protect_numbers(arguments: Sequence[str]) -> list[str]:
     """Put a blank before arguments such as -1e5 and -30,40, which argparse would take for options."""
     return [f" {argument}" if _NUMBER.match(argument) else argument for argument in arguments]
+
+
+def add_bake_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how a viewer shares the machine between light and everything else."""
+    group = parser.add_argument_group("share of the machine")
+    group.add_argument(
+        "--bake-threads",
+        type=positive_int,
+        metavar="N",
+        help="threads that compute light (default: as many as --threads)",
+    )
+    group.add_argument(
+        "--bake-budget",
+        type=frame_budget,
+        metavar="TIME",
+        help="let them work for so long of every frame, a thirtieth of a second or longer, such as 10ms (default: all the time)",
+    )
+
+
+def bake_share(options: argparse.Namespace) -> dict[str, Any]:
+    """Return what :func:`add_bake_options` says, as a session takes it."""
+    threads = options.threads if options.bake_threads is None else options.bake_threads
+    return {"threads": threads, "bake_budget_s": options.bake_budget or 0.0}
 
 
 def add_file_options(parser: argparse.ArgumentParser, *, stores: bool = True) -> None:

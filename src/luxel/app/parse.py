@@ -11,6 +11,7 @@ from dataclasses import dataclass
 __all__ = [
     "SunOption",
     "axes",
+    "frame_budget",
     "frame_range",
     "number",
     "picture_size",
@@ -21,6 +22,7 @@ __all__ = [
 ]
 
 _LARGEST_SIZE = 16_384
+_DURATION = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*(ms|s)\s*")
 
 
 @dataclass(frozen=True)
@@ -115,3 +117,14 @@ def frame_range(text: str) -> slice:
         return slice(first, last, step)
     assert first is not None
     return slice(first, first + 1 or None)
+
+
+def frame_budget(text: str) -> float:
+    """Parse a time such as 33ms or 0.02s, above zero and at most a second; return seconds."""
+    match = _DURATION.fullmatch(text)
+    seconds = 0.0 if match is None else float(match[1]) * (1e-3 if match[2] == "ms" else 1.0)
+    if not 0 < seconds <= 1:
+        raise argparse.ArgumentTypeError(
+            f"expected a time above 0 and up to 1s, such as 33ms or 0.02s, got {text.strip()!r}"
+        )
+    return seconds

@@ -23,7 +23,7 @@ class Arena:
     count
         Slots.
     shape
-        Of a texture's codes.
+        Of a texture's codes, or of its record.
 
     Attributes
     ----------

@@ -8,11 +8,13 @@ import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from luxel.dynamic.arena import NOBODY, SLOT_BYTES, Arena
+from luxel.dynamic.compressor import Compressor
 from luxel.dynamic.entries import (
     DAWNING,
     ENTRY_BYTES,
@@ -69,6 +71,8 @@ class CacheStats:
         Textures held now.
     nbytes
         Bytes of these textures, of their slots and of all tables of particles.
+    error
+        Root mean square of what compression changed, in codes, over all textures stored; 0 without compression.
     """
 
     hits: int = 0
@@ -80,6 +84,7 @@ class CacheStats:
     dropped: int = 0
     textures: int = 0
     nbytes: int = 0
+    error: float = 0.0
 
 
 class TextureCache:
@@ -107,6 +112,8 @@ class TextureCache:
         From texels to directions, for renderers.
     shards
         A power of two up to 256; None means 1 for few particles or little room, else 8.
+    components
+        Keep textures as so many principal components, a byte each, see :class:`luxel.dynamic.compressor.Compressor`; 0 keeps them as they are.
     """
 
     def __init__(
@@ -115,6 +122,7 @@ class TextureCache:
         max_bytes: int = 256 << 20,
         mapping: Mapping = "latlong",
         shards: int | None = None,
+        components: int = 0,
     ) -> None:
         if texels < 1 or max_bytes < 1:
             raise InputError(f"a cache needs texels >= 1 and max_bytes >= 1, got {texels} and {max_bytes}")
@@ -125,6 +133,7 @@ class TextureCache:
         self.mapping: Mapping = mapping
         self.sightings: dict[str, Sighting] = {}  # the latest of every client; written by frames
         self.version = 0  # changes with every sighting
+        self._compressor = Compressor(texels, components, self._bases_in_use) if components else None
         self._shard_count = shards
         self._numbers = itertools.count(1)
         self._number = 0
@@ -299,15 +308,16 @@ class TextureCache:
             raise InputError(
                 f"textures must be uint8 of shape {expected}, got {codes.dtype} of shape {codes.shape}"
             )
+        kept = codes if self._compressor is None else self._compressor.pack(light.key, codes)
         stored = np.zeros(len(ids), np.bool_)
         for shard, place in self._split(ids):
-            stored[place] = shard.publish(light, ids[place], codes[place], self._number, grade)
+            stored[place] = shard.publish(light, ids[place], kept[place], self._number, grade)
         return stored
 
     def lookup(self, key: str, ids: Ids) -> tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.uint8]]:
         """Return (K,) bool, which of `ids` have a texture, and copies of these (K', texels, texels) and of their grades (K',)."""
         there = np.zeros(len(ids), np.bool_)
-        codes = np.empty((len(ids), self.texels, self.texels), np.uint8)
+        codes = np.empty((len(ids), *self._shape), np.uint8)
         grades = np.empty(len(ids), np.uint8)
         light = self._lights.get(key)
         if light is not None:
@@ -315,7 +325,8 @@ class TextureCache:
                 found, some, grade = shard.lookup(light, ids[place])
                 there[place] = found
                 codes[place[found]], grades[place[found]] = some, grade
-        return there, codes[there], grades[there]
+        kept = codes[there]
+        return there, kept if self._compressor is None else self._compressor.unpack(kept), grades[there]
 
     def put_coarse(self, light: Entries, ids: Ids, records: NDArray[np.float32]) -> bool:
         """Keep coarse records, (K, 4) of (K,) `ids`; False if the key is not the one begun last, or they cost too much."""
@@ -346,8 +357,19 @@ class TextureCache:
         if light is None or arena is None:
             return None
         # Not flagged read-only: Numba would compile every kernel a second time for such arrays.
+        compressor = self._compressor
+        bases = None if compressor is None else compressor.bases
         slot = light.table.freeze()
-        return TextureTable(slot, arena.codes, light.decoding, self.mapping, light.coarse)
+        codes: Any = arena.codes
+        while compressor is not None:
+            codes = compressor.lookup(arena.codes)
+            if compressor.bases is bases:
+                break
+            bases, slot = (
+                compressor.bases,
+                light.table.freeze(),
+            )  # a record may name a basis that has come or gone meanwhile
+        return TextureTable(slot, codes, light.decoding, self.mapping, light.coarse)
 
     def particle_count(self, key: str) -> int:
         """Particles of a light key; 0 if it is unknown."""
@@ -362,7 +384,7 @@ class TextureCache:
     def stats(self) -> CacheStats:
         """Counters of the whole cache."""
         textures = sum(shard.used for shard in self._shards)
-        nbytes = textures * (self.texels**2 + SLOT_BYTES)
+        nbytes = textures * (self._texture_bytes + SLOT_BYTES)
         nbytes += sum(_table_bytes(light) for light in list(self._lights.values()))
 
         def total(name: str) -> int:
@@ -378,24 +400,36 @@ class TextureCache:
             total("dropped"),
             textures,
             nbytes,
+            0.0 if self._compressor is None else self._compressor.error,
         )
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        """Of a texture as it is kept."""
+        return (self.texels, self.texels) if self._compressor is None else (self._compressor.record_bytes,)
+
+    @property
+    def _texture_bytes(self) -> int:
+        return int(np.prod(self._shape))
 
     def _reserve(self, count: int) -> None:
         """Divide the budget between textures and tables when it is first known how many particles there are."""
+        fixed = 0 if self._compressor is None else self._compressor.most_bytes
         if self._arena is None:
-            slots = _slot_count(self.max_bytes, self.texels, count)
+            slots = _slot_count(self.max_bytes - fixed, self._texture_bytes, count)
             if slots > 0:
-                self._set_aside = _set_aside(self.max_bytes, count)
+                self._set_aside = _set_aside(self.max_bytes - fixed, count)
                 shards = self._shard_count or (_SHARDS if min(slots, count) >= _SHARDED_COUNT else 1)
                 slots = max(slots, shards)
-                self._arena = arena = Arena(slots, (self.texels, self.texels))
+                self._arena = arena = Arena(slots, self._shape)
                 ends = [k * slots // shards for k in range(shards + 1)]
                 self._shards = tuple(
                     Shard(k, arena, ends[k], ends[k + 1], self._protection, self._by_number)
                     for k in range(shards)
                 )
         if self._arena is None or _LIGHT_BYTES * count > self._set_aside:
-            needed = bytes_for(1, self.texels, count)
+            components = 0 if self._compressor is None else self._compressor.components
+            needed = bytes_for(1, self.texels, count, components)
             raise InputError(
                 f"{self.max_bytes} bytes are too few to keep textures of {count} particles — set max_bytes to {needed} at least, "
                 f"better {_ALL_BYTES * 4} for each particle"
@@ -440,6 +474,9 @@ class TextureCache:
         del self._by_number[light.number]
         self._lights = {key: other for key, other in self._lights.items() if other is not light}
 
+    def _bases_in_use(self) -> set[int]:
+        return {basis for shard in self._shards for basis in shard.first_bytes()}
+
     def _split(self, ids: Ids) -> Iterator[tuple[Shard, NDArray[np.intp]]]:
         """Yield every shard that has some of `ids`, and where these are."""
         if not len(ids):
@@ -464,7 +501,7 @@ class TextureCache:
         return found
 
 
-def bytes_for(textures: int, texels: int, particles: int) -> int:
+def bytes_for(textures: int, texels: int, particles: int, components: int = 0) -> int:
     """Return the least budget with which a cache has a capacity of so many textures of one light key.
 
     Parameters
@@ -475,30 +512,36 @@ def bytes_for(textures: int, texels: int, particles: int) -> int:
         Rows and columns of a texture.
     particles
         In the scene.
+    components
+        See :class:`TextureCache`.
     """
+    each, fixed = texels * texels, 0
+    if components:
+        compressor = Compressor(texels, components)
+        each, fixed = compressor.record_bytes, compressor.most_bytes
     low, high = 0, 1
-    while _capacity(high, texels, particles) < textures:
+    while _capacity(high, each, particles) < textures:
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        if _capacity(middle, texels, particles) < textures:
+        if _capacity(middle, each, particles) < textures:
             low = middle
         else:
             high = middle
-    return high
+    return fixed + high
 
 
 def _set_aside(max_bytes: int, particles: int) -> int:
     return max(_LIGHT_BYTES * particles, min(max_bytes // 4, _ALL_BYTES * particles))
 
 
-def _slot_count(max_bytes: int, texels: int, particles: int) -> int:
+def _slot_count(max_bytes: int, texture_bytes: int, particles: int) -> int:
     left = max_bytes - _set_aside(max_bytes, particles)
-    return min(max(0, left) // (texels * texels + SLOT_BYTES), 2**31 - 1)
+    return min(max(0, left) // (texture_bytes + SLOT_BYTES), 2**31 - 1)
 
 
-def _capacity(max_bytes: int, texels: int, particles: int) -> int:
-    return kept_slots(_slot_count(max_bytes, texels, particles))
+def _capacity(max_bytes: int, texture_bytes: int, particles: int) -> int:
+    return kept_slots(_slot_count(max_bytes, texture_bytes, particles))
 
 
 @lru_cache(maxsize=4)

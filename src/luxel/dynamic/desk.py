@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
@@ -25,10 +26,7 @@ from luxel.dynamic.entries import (
 from luxel.dynamic.queue import RequestQueue
 from luxel.dynamic.sightings import Ids, Sighting
 
-__all__ = ["OLDEST_EVERY", "Desk", "Kind", "Piece"]
-
-#: Every so many pieces of work, one goes to the requests that have waited longest.
-OLDEST_EVERY = 4
+__all__ = ["Desk", "Kind", "Piece"]
 
 
 class Kind(Enum):
@@ -93,9 +91,8 @@ class Desk:
         self._light: Entries | None = None
         self._version = -1
         self._taken_in: dict[str, int] = {}
-        self._turn = 0
         self._over_budget = 0
-        self._estimated = False  # since sightings were taken in
+        self._look_again = False  # once nothing waits any more
         self._hopeless: set[Kind] = set()
 
     def select(self, light: Entries | None) -> None:
@@ -119,64 +116,75 @@ class Desk:
                 found[kind] += 1
             return found
 
-    def oldest_s(self, kinds: Collection[Kind]) -> float:
-        """When the request that has waited longest for one of some kinds of work came; infinite if there is none."""
+    def oldest_s(self, kinds: Collection[Kind], now_s: float) -> dict[Kind, float]:
+        """When the request came that has waited longest for each of some kinds of work; those that nobody waits for are left out.
+
+        Second attempts have waited longest of all.
+        """
         with self._lock:
-            return min(self._queues[kind].oldest_s for kind in kinds)
+            self._refresh(now_s)
+            found = {kind: self._queues[kind].oldest_s for kind in kinds if len(self._queues[kind])}
+            return found | {kind: -math.inf for kind, _ in self._again if kind in kinds}
+
+    def may_have(self, kind: Kind) -> bool:
+        """Whether it is worth to ask for a kind of work; takes no lock, and never says no where there is some."""
+        fresh = self._look_again or self._version != self._cache.version
+        return fresh or len(self._queues[kind]) > 0 or len(self._again) > 0
 
     @property
     def over_budget(self) -> int:
         """Visible particles that the cache has no room for, as of the last look."""
         return self._over_budget
 
-    def take(self, light: Entries, now_s: float, most: Mapping[Kind, int], threads: int) -> Piece | None:
-        """Return the next piece of work, None if there is none.
+    def take(
+        self, light: Entries, kind: Kind, most: int, now_s: float, threads: int, *, oldest: bool = False
+    ) -> Piece | None:
+        """Return a piece of one kind of work, None if there is none.
 
         Parameters
         ----------
         light
             For which light key; for another there is none.
+        kind
+            What to do.
+        most
+            For how many particles at most.
         now_s
             When, in seconds.
-        most
-            Kinds of work that can be done now, and for how many particles at most.
         threads
             Work is divided between so many.
+        oldest
+            Whether to serve those that have waited longest, instead of the best.
         """
         with self._lock:
             if light is not self._light:
                 return None
             self._refresh(now_s)
             for _ in range(len(self._again)):
-                kind, particle = self._again.popleft()
-                if kind in most:
+                tried, particle = self._again.popleft()
+                if tried is kind:
                     return Piece(kind, light, np.array([particle], np.int32), alone=True)
-                self._again.append((kind, particle))
-            waiting = [kind for kind in Kind if kind in most and len(self._queues[kind])]
-            if not waiting:
-                return None
-            self._turn += 1
-            oldest = self._turn % OLDEST_EVERY == 0
-            if oldest:
-                waiting.sort(key=lambda kind: self._queues[kind].oldest_s)
-            for kind in waiting:
-                queue = self._queues[kind]
-                count = min(most[kind], max(1, -(-len(queue) // threads)))
-                if kind is Kind.REFINEMENT:
-                    count = min(count, self._spare())
-                # What another client or a frame has overtaken is not in the queued state any more.
-                while count > 0 and len(queue):
-                    ids = queue.pop_oldest(count) if oldest else queue.pop(count)
-                    mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
-                    ids = ids[mark(light, ids)]
-                    if len(ids):
-                        return Piece(kind, light, ids)
+                self._again.append((tried, particle))
+            queue = self._queues[kind]
+            count = min(most, max(1, -(-len(queue) // threads)))
+            if kind is Kind.REFINEMENT:
+                count = min(count, self._spare())
+            # What another client or a frame has overtaken is not in the queued state any more.
+            while count > 0 and len(queue):
+                ids = queue.pop_oldest(count) if oldest else queue.pop(count)
+                mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
+                ids = ids[mark(light, ids)]
+                if len(ids):
+                    return Piece(kind, light, ids)
             return None
 
     def done(self, piece: Piece, grade: int) -> None:
-        """Note that textures of a piece are there: where they are estimates, those who rest may want better ones."""
-        if grade == ESTIMATE and piece.light is self._light:
-            self._estimated = True
+        """Note that textures of a piece are there, or given up (`NONE`).
+
+        Where they are estimates, those who rest may want better ones; where not all that is visible had room, there may be some now.
+        """
+        if piece.light is self._light and (grade == ESTIMATE or self._over_budget):
+            self._look_again = True
 
     def retry(self, piece: Piece) -> bool:
         """Do a piece that failed once more, one particle at a time; False if its light key is not wanted any more."""
@@ -217,43 +225,60 @@ class Desk:
         else:
             self._cache.release(self._light, ids)
 
+    def _withdraw(self, kind: Kind, ids: Ids) -> None:
+        """Release what a queue has given up, unless the other one has it now: an estimate that was to be refined may be lost."""
+        if len(ids):
+            other = Kind.REFINEMENT if kind is Kind.FIRST_TEXTURE else Kind.FIRST_TEXTURE
+            self._release(kind, np.setdiff1d(ids, self._queues[other].ids, assume_unique=True))
+
     def _refresh(self, now_s: float) -> None:
         """Take in what frames have sighted, drop what lapsed, and give up what there is no room for."""
         light = self._light
         if light is None:
             return
-        fresh = self._version != self._cache.version
-        if self._estimated and not len(self._queues[Kind.FIRST_TEXTURE]):
-            self._taken_in.clear()
-            fresh = True
-        if fresh:
-            self._version = self._cache.version
-            self._estimated = False
-            sightings = self._cache.sightings.copy()
-            for client in list(self._taken_in):
+        again = self._look_again and not len(self._queues[Kind.FIRST_TEXTURE])
+        if not again and self._version == self._cache.version:
+            self._drop_lapsed(now_s)
+            return
+        self._version = self._cache.version
+        self._look_again = False
+        sightings = self._cache.sightings.copy()
+        for queue in self._queues.values():
+            for client in queue.clients:
                 if client not in sightings:
-                    del self._taken_in[client]
-                    for queue in self._queues.values():
-                        queue.forget(client)
-            for client, sighting in sightings.items():
-                if sighting.key == light.key and self._taken_in.get(client) != sighting.number:
-                    self._taken_in[client] = sighting.number
-                    self._take_in(light, sighting)
-        for kind, queue in self._queues.items():
-            gone = queue.refresh(now_s)
-            if kind is not Kind.FIRST_LIGHT:
-                self._release(kind, gone)
-        if fresh:
-            shard = self._cache.shards[self.number]
-            queue = self._queues[Kind.FIRST_TEXTURE]
-            # Baking more than fits would only evict what is on the screen.
-            self._over_budget = 0
-            if len(queue) + shard.used > shard.capacity // 2:
-                excess = queue.limit(shard.room())
-                self._over_budget = len(excess)
-                self._release(Kind.FIRST_TEXTURE, excess)
+                    queue.forget(client)
+        if again or self._over_budget:  # what one client looks away from may be room for what others see
+            self._taken_in = {}
+        self._take_in(light, sightings)
+        self._drop_lapsed(now_s)
+        self._over_budget = 0
+        # Baking more than fits would only evict what is on the screen.
+        shard = self._cache.shards[self.number]
+        queue = self._queues[Kind.FIRST_TEXTURE]
+        if len(queue) + shard.used > shard.capacity // 2 and len(queue) > shard.room():
+            # What is out of sight gives way to all that is in sight, however long ago it was asked for.
+            queue.drop_unseen()
+            self._taken_in = {}
+            self._take_in(light, sightings)
+            self._drop_lapsed(now_s)
+            excess = queue.limit(shard.room())
+            self._over_budget = len(excess)
+            self._withdraw(Kind.FIRST_TEXTURE, excess)
 
-    def _take_in(self, light: Entries, sighting: Sighting) -> None:
+    def _drop_lapsed(self, now_s: float) -> None:
+        gone = {kind: queue.refresh(now_s) for kind, queue in self._queues.items()}
+        for kind in (Kind.FIRST_TEXTURE, Kind.REFINEMENT):
+            self._withdraw(kind, gone[kind])
+
+    def _take_in(self, light: Entries, sightings: Mapping[str, Sighting]) -> None:
+        """Ask for what is lacking in the sightings that have not been taken in yet."""
+        self._taken_in = {client: n for client, n in self._taken_in.items() if client in sightings}
+        for client, sighting in sightings.items():
+            if sighting.key == light.key and self._taken_in.get(client) != sighting.number:
+                self._taken_in[client] = sighting.number
+                self._ask(light, sighting)
+
+    def _ask(self, light: Entries, sighting: Sighting) -> None:
         ids = sighting.part(self.number, len(self._cache.shards))
         state = light.state[ids]
         unfinished = (grade_of(state) < FULL) & (work_of(state) <= QUEUED)

@@ -13,14 +13,14 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from luxel.dynamic.cache import TextureCache
-from luxel.dynamic.desk import OLDEST_EVERY, Desk, Kind, Piece
-from luxel.dynamic.entries import ESTIMATE, Entries
+from luxel.dynamic.desk import Desk, Kind, Piece
+from luxel.dynamic.entries import ESTIMATE, NONE, Entries
 from luxel.dynamic.pace import Pace, Rate
 from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
 from luxel.dynamic.sightings import Ids, Measure, Sighting
@@ -44,6 +44,7 @@ Job = Callable[[], None]
 
 _PIECE_S = 0.03  # short enough to notice a new priority soon, long enough to hide what a piece costs besides
 _PATIENCE_S = 2.0
+_OLDEST_EVERY = 4  # of so many pieces of work, one goes to the requests that have waited longest
 _MAX_ATTEMPTS = 2  # to make or to prepare a baker
 _MAX_FAILURES = 16  # single particles in a row; then a kind of work is given up
 _CLOSE_TIMEOUT_S = 5.0
@@ -61,7 +62,7 @@ class _Lit:
 class Engine:
     """Bakes what is requested, best first, and tells listeners.
 
-    What has neither texture nor coarse record gets its first light, a record that costs a fraction of a texture, before any texture is
+    What has neither texture nor coarse record, whatever its shard, gets its first light, a record that costs a fraction of a texture, before any texture is
     baked, and even if the cache has no room for its texture; then an estimate, where there is somebody who makes those; then its texture,
     unless it is small on the screen. Of every four pieces of work, one goes to those requests that have waited longest.
 
@@ -127,6 +128,7 @@ class Engine:
         self._failures: Counter[Kind] = Counter()
         self._busy = 0
         self._turn = 0
+        self._since_oldest = 0  # pieces since one went to those that have waited longest
         self._events = 0  # counts what may give a sleeping worker something to do, besides sightings
         self._paces = {kind: Pace() for kind in Kind}
         self._rate = Rate()
@@ -389,6 +391,12 @@ class Engine:
             most = {kind: pace.count(limit_s, careful=careful) for kind, pace in paces.items()}
             self._turn += 1
             turn = self._turn
+            self._since_oldest += 1
+            oldest = self._since_oldest >= _OLDEST_EVERY
+            if oldest and len(paces) == len(
+                self._paces
+            ):  # else what has waited longest may not be among what fits
+                self._since_oldest = 0
             self._busy += 1
         job = None
         try:
@@ -396,29 +404,50 @@ class Engine:
                 job = self._take_build(lit, now_s)
             else:
                 most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
-                if turn % OLDEST_EVERY == 0 and self._is_overdue(shop, now_s):
+                if oldest and self._is_overdue(shop, now_s):
                     job = self._take_preparation(lit, shop, now_s, limit_s)
-                for k in range(len(self._desks)):
-                    if job is not None:
-                        break
-                    desk = self._desks[(turn + k) % len(self._desks)]
-                    piece = desk.take(lit.light, now_s, most, max(1, self.thread_count))
-                    if piece is not None:
-                        work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
-                        job = functools.partial(work, desk, shop, piece)
+                if job is None:
+                    job = self._take_piece(lit, shop, now_s, most, turn, oldest)
                 if job is None:
                     job = self._take_preparation(lit, shop, now_s, limit_s)
         finally:
             if job is None:
                 with self._lock:
+                    # It was nobody's turn: whoever has waited longest is not passed over for it.
+                    self._since_oldest = _OLDEST_EVERY if oldest else max(0, self._since_oldest - 1)
                     self._busy -= 1
                     self._notify_if_idle()
         return job
 
+    def _take_piece(
+        self, lit: _Lit, shop: Workshop, now_s: float, most: Mapping[Kind, int], turn: int, oldest: bool
+    ) -> Job | None:
+        """Return work on particles: a kind at a time over all desks, the first of them in turn; or what has waited longest of all."""
+        first = turn % len(self._desks)
+        desks = [*self._desks[first:], *self._desks[:first]]
+        threads = max(1, self.thread_count)
+        offers = [(desk, kind) for kind in Kind if kind in most for desk in desks]
+        if oldest:
+            waits = {desk: desk.oldest_s(most, now_s) for desk in desks}
+            # Stable: of what has waited as long, first light comes first.
+            offers.sort(key=lambda offer: waits[offer[0]].get(offer[1], math.inf))
+        for desk, kind in offers:
+            if not desk.may_have(kind):
+                continue
+            piece = desk.take(lit.light, kind, most[kind], now_s, threads, oldest=oldest)
+            if piece is not None:
+                work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
+                return functools.partial(work, desk, shop, piece)
+        return None
+
     def _is_overdue(self, shop: Workshop, now_s: float) -> bool:
         """Whether some request has waited long for preparation, since ever new particles want first light."""
         kinds = [kind for kind in _TEXTURES if not shop.is_ready(kind)]
-        return bool(kinds) and any(desk.oldest_s(kinds) < now_s - _PATIENCE_S for desk in self._desks)
+        return bool(kinds) and any(
+            since_s < now_s - _PATIENCE_S
+            for desk in self._desks
+            for since_s in desk.oldest_s(kinds, now_s).values()
+        )
 
     def _take_build(self, lit: _Lit, now_s: float) -> Job | None:
         key = lit.light.key
@@ -508,8 +537,8 @@ class Engine:
             codes = np.empty((len(ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
             clipped = shop.baker(piece.kind).bake_into(ids, codes)
             end_s = self._clock()
-            self.cache.publish(light, ids, codes, grade)
-            desk.done(piece, grade)
+            if self.cache.publish(light, ids, codes, grade).any():  # else they would only be asked for again
+                desk.done(piece, grade)
         except BaseException as error:
             self._failed(desk, piece, error)
             if not isinstance(error, Exception):
@@ -521,7 +550,7 @@ class Engine:
             self._paces[piece.kind].record(end_s - start_s, len(ids))
             self._rate.record(end_s, len(ids))
             lit = self._lit
-        stale = lit is None or light is not lit.light
+        stale = lit is None or light.key != lit.light.key
         self._tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(len(ids), grade == ESTIMATE), stale))
 
     def _failed(self, desk: Desk, piece: Piece, error: BaseException) -> None:
@@ -550,6 +579,7 @@ class Engine:
                 self.cache.fail(light, ids)
             else:
                 self.cache.release(light, ids)
+            desk.done(piece, NONE)
         if hopeless:
             self._give_up(light, (kind,))
 

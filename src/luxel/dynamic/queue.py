@@ -239,6 +239,13 @@ class RequestQueue:
         gone = before[~_is_in(before, asked)]
         return np.union1d(gone, excess) if len(excess) else gone
 
+    def drop_unseen(self) -> None:
+        """Give up, before they lapse, requests that no client's latest sighting shows; :meth:`refresh` does it."""
+        self._settle_taken()
+        for each in self._clients.values():
+            each.earlier = _NOTHING
+        self._stale = True
+
     def limit(self, count: int) -> Ids:
         """Give up the worst requests until at most `count` are left; return their ids, ascending."""
         if len(self) <= count:

@@ -184,6 +184,13 @@ class Shard:
             there = slots >= 0
             return there, self._arena.codes[slots[there]], grade_of(light.state[ids[there]])
 
+    def first_bytes(self) -> list[int]:
+        """Return the first bytes that kept textures have, each once."""
+        with self.lock:
+            codes = self._arena.codes
+            found: list[int] = np.unique(codes.reshape(len(codes), -1)[self._in_use(), 0]).tolist()
+            return found
+
     # What follows runs under the lock.
 
     def _mark(self, light: Entries, ids: Ids, source: int, target: int) -> NDArray[np.bool_]:

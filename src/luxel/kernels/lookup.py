@@ -19,6 +19,7 @@ from luxel.kernels.memory import item, prefetch
 __all__ = [
     "ClusteredTexels",
     "CodewordTexels",
+    "LearntTexels",
     "LinearTexels",
     "four_codes",
     "prefetch_texels",
@@ -69,6 +70,19 @@ class ClusteredTexels(NamedTuple):
     side: int
 
 
+class LearntTexels(NamedTuple):
+    """Coefficients of one of several bases, which came one after the other; `records` (M, 1 + n) uint8: the basis, then coefficients.
+
+    `basis` (V, T², n) and `offset` (V, T²) float32, `unit` (V,) float32, each as in :class:`LinearTexels`.
+    """
+
+    records: np.ndarray
+    basis: np.ndarray
+    offset: np.ndarray
+    unit: np.ndarray
+    side: int
+
+
 @kernel(inline=True)
 def _little_endian(record, size):
     value = 0
@@ -104,6 +118,21 @@ def _four_linear(texels, slot, p, q, r, s):
         c += texels.basis[r, k] * x
         d += texels.basis[s, k] * x
     return _code(a, texels.unit), _code(b, texels.unit), _code(c, texels.unit), _code(d, texels.unit)
+
+
+@kernel(inline=True)
+def _four_learnt(texels, slot, p, q, r, s):
+    record = texels.records[slot]
+    v = int(record[0])
+    basis, offset, unit = texels.basis[v], texels.offset[v], texels.unit[v]
+    a, b, c, d = offset[p], offset[q], offset[r], offset[s]
+    for k in range(basis.shape[1]):
+        x = np.float32(record[1 + k]) - _MIDDLE
+        a += basis[p, k] * x
+        b += basis[q, k] * x
+        c += basis[r, k] * x
+        d += basis[s, k] * x
+    return _code(a, unit), _code(b, unit), _code(c, unit), _code(d, unit)
 
 
 @kernel(inline=True)
@@ -153,6 +182,7 @@ _FOUR = {
     CodewordTexels: _four_codeword,
     LinearTexels: _four_linear,
     ClusteredTexels: _four_clustered,
+    LearntTexels: _four_learnt,
 }
 
 

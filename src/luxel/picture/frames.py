@@ -275,6 +275,7 @@ class Frames:
         self._pictures: list[NDArray[np.uint8]] = []
         self._frame: Frame | None = None
         self._drew = False
+        self._rested = False  # the last time there was nothing to draw
 
     @property
     def size(self) -> tuple[int, int]:
@@ -309,7 +310,8 @@ class Frames:
         """
         if view is not None:
             self.view = view
-        waiting = self._waiting()
+        # Before the light is looked at. It is asked only when nothing else is left to do: counting is work, and frames leave that to others.
+        waiting = not self._rested or self._waiting()
         scene, source, table = self._look()
         moved, changed, toned = self._prepare(scene, source.key)
         if moved:
@@ -318,6 +320,7 @@ class Frames:
             changed = True
         told = self._told == (source.key, self._count)
         drawn = self._next_pass(moved, changed)
+        self._rested = drawn is None
         picture = None
         if drawn is not None:
             picture = self._add_ray(drawn, table)

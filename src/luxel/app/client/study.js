@@ -46,7 +46,7 @@ export class Study {
     this.app = app;
     /** Saved views, and what the answers call them. @type {{name: string, saved: any}[]} */
     this.views = [];
-    /** @type {{seed: number, question: string, answers: string[], order: Trial[], rows: (string | number)[][], before: any} | null} */
+    /** @type {{seed: number, question: string, answers: string[], order: Trial[], rows: (string | number)[][], before: any, beside: string} | null} */
     this.run = null;
     /** When the picture of this trial appeared; null while it is prepared. @type {number | null} */
     this.shownAt = null;
@@ -118,7 +118,7 @@ export class Study {
       : answers.length < 2 ? "Give two answers at least, with commas between them" : !(seed >= 0 && seed < 2 ** 32) ? "The seed must be a whole number below 2³²" : null;
     if (wrong !== null) return notices.trouble("study", wrong, true);
     this.run = {
-      seed, question: element("study-question").value, answers, order: trials(this.views.length, models, seed), before: saved.current,
+      seed, question: element("study-question").value, answers, order: trials(this.views.length, models, seed), before: saved.current, beside: beside.model,
       rows: [["seed", "trial", "view", "model", "question", "answer", "seconds"]],
     };
     player.stop();
@@ -229,10 +229,8 @@ export class Study {
     this.run = null;
     root.classList.remove("studying");
     element("trial").hidden = element("curtain").hidden = true;
-    if (this.app.scene.light_fixed) {
-      beside.choose("");
-      beside.divider.move(0.5);
-    }
+    if (this.app.scene.light_fixed) beside.divider.move(0.5);
+    beside.choose(run.beside);
     saved.load(JSON.stringify(run.before));
     drawing.resize();
     const count = run.rows.length - 1;
