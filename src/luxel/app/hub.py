@@ -17,10 +17,9 @@ from luxel.app.comparison import Comparison
 from luxel.app.page import Page
 from luxel.app.streaming import Streaming
 from luxel.dynamic.work import CoarseBatch, TileBatch
-from luxel.errors import InputError, LuxelError, ProtocolError
+from luxel.errors import LuxelError, ProtocolError
 from luxel.kernels.jit import cold
 from luxel.particles import Particles
-from luxel.scene.hiding import condition_from_json
 from luxel.scene.saved import SavedView
 from luxel.scene.view import View
 from luxel.session import Session
@@ -235,21 +234,7 @@ class Hub:
         self._status_soon()
 
     async def _set_light(self, message: protocol.SetLight) -> None:
-        changes: dict[str, Any] = {}
-        if message.model is not None:
-            changes["model"] = message.model
-        if message.albedo is not None:
-            changes["albedo"] = message.albedo
-        if message.sky is not None or message.sun is not None:
-            up = message.up or state.view_of(self.session).up
-            lights = self.session.scene.sources
-            changes["lights"] = state.lights_with(lights, message.sky, message.sun, up)  # type: ignore[arg-type]
-        if message.hide is not None:
-            changes["hide"] = tuple(condition_from_json(each) for each in message.hide)
-        if message.radius_scale is not None:
-            changes["radius_scale"] = message.radius_scale
-        if not changes:
-            raise InputError("a change of light that changes nothing")
+        changes = state.light_changes(self.session, message)
         await asyncio.to_thread(functools.partial(self.session.relight, **changes))
         await self._catch_up()
 

@@ -50,7 +50,7 @@ export class Remote {
   /** A new connection: it has been asked for nothing. */
   connected() {
     this.wish = "";
-    this.shown = this.picture = null;
+    this.shown = null;
   }
 
   /** Another data set. @param {any} scene */
