@@ -269,7 +269,7 @@ export class App {
   takeTiles(head, arrays) {
     this.confirm("batches");
     this.tilesReceived += arrays.ids.length;
-    if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => this.sight.isVisible(id))) {
+    if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => this.sight.isVisible(id), arrays.estimate)) {
       this.film.lightChanged();
       this.schedule();
     }
@@ -642,7 +642,7 @@ export class App {
       this.statusAt = now;
     }
     if (this.scene === null) return;
-    const { visible, ready, coarse } = this.counts();
+    const { visible, ready, estimates, coarse, stale } = this.counts();
     const n = (/** @type {number} */ x) => x.toLocaleString("en");
     const parts = [`${n(visible)} visible`];
     if (this.light?.model === "lambertian") {
@@ -651,7 +651,9 @@ export class App {
       parts.push(ready >= visible ? "baked light" : `${n(ready)} with baked light`);
     } else {
       parts.push(ready >= visible ? "all lit" : `${n(ready)} lit`);
+      if (estimates) parts.push(`${n(estimates)} estimates`);
       if (coarse) parts.push(`${n(coarse)} in first light`);
+      if (stale) parts.push(`${n(stale)} in the light before`);
       if (this.status?.queued) parts.push(`${n(this.status.queued + this.status.baking)} queued`);
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
       if (this.store.dropped) parts.push("texture memory full");
@@ -661,6 +663,7 @@ export class App {
     /** @type {HTMLProgressElement} */
     const progress = this.element("progress");
     progress.value = visible ? ready / visible : 0;
+    progress.parentElement?.classList.toggle("stale", stale > 0);
     progress.hidden = this.light?.model === "lambertian" || ready >= visible;
   }
 

@@ -4,6 +4,8 @@
  * Where textures are: tiles, or baked ones.
  * @typedef {object} Store
  * @property {(id: number) => boolean} isCurrent whether it has the texture of a particle under the current light
+ * @property {(id: number) => boolean} isEstimate whether a better one may come
+ * @property {(id: number) => boolean} isStale whether it has one, but of another light
  * @property {number} current names that light
  * @property {number} capacity most textures
  */
@@ -93,16 +95,19 @@ export class Sight {
   }
 
   /**
-   * How many visible particles have their tile, and how many others a coarse record.
+   * How many visible particles have their tile, how many of these are estimates, how many others have a coarse record, and how many of the rest a tile of another light.
    * @param {Store} tiles @param {import("./coarse.js").CoarseStore} records
    */
   litCount(tiles, records) {
-    let ready = 0, coarse = 0;
+    let ready = 0, estimates = 0, coarse = 0, stale = 0;
     for (let k = 0; k < this.count; k++) {
-      if (tiles.isCurrent(this.ids[k])) ready++;
-      else if (records.has(this.ids[k])) coarse++;
+      if (tiles.isCurrent(this.ids[k])) {
+        ready++;
+        if (tiles.isEstimate(this.ids[k])) estimates++;
+      } else if (records.has(this.ids[k])) coarse++;
+      else if (tiles.isStale(this.ids[k])) stale++;
     }
-    return { ready, coarse };
+    return { ready, estimates, coarse, stale };
   }
 
   /**
@@ -120,7 +125,7 @@ export class Sight {
     let n = 0;
     for (let k = 0; k < this.count; k++) {
       const id = this.ids[k];
-      if (tiles.isCurrent(id)) continue;
+      if (tiles.isCurrent(id) && !tiles.isEstimate(id)) continue;
       missing[n++] = id;
       if (this.asked[id] !== tiles.current) {
         this.asked[id] = tiles.current;
