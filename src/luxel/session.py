@@ -128,8 +128,8 @@ class Session:
         Keep textures compressed, as so many principal components of a byte each, learnt from those that come, so that many more find room; 8 is a good number. 0
         keeps them as they are made.
     estimates
-        Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) come before those of `spec`. Only for clients that keep
-        sighting what has no more than an estimate.
+        Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) come before those of `spec`.
+        Those that are visible are replaced as long as some client keeps sighting them.
     small_pixels
         With estimates: a particle narrower than this on every screen, as far as clients tell, gets nothing better. 0 for none.
     clock

@@ -48,8 +48,10 @@ FROM_SERVER = [
     protocol.Geometry(1, 0, np.arange(6, dtype=np.float32).reshape(2, 3), np.ones(2, np.float32)),
     protocol.Scalar(1, "T", np.array([1, np.nan, 3], np.float32), (1.0, 3.0), (1.0, 3.0), False, True),
     protocol.Colormap("gray", np.arange(9, dtype=np.uint8).reshape(3, 3)),
-    protocol.Tiles("ab12", IDS, np.arange(3 * 16, dtype=np.uint8).reshape(3, 4, 4)),
-    protocol.Tiles("ab12", IDS, np.zeros((3, 4, 4), np.uint8), beside=True),
+    protocol.Tiles(
+        "ab12", IDS, np.arange(3 * 16, dtype=np.uint8).reshape(3, 4, 4), np.array([0, 1, 0], np.uint8)
+    ),
+    protocol.Tiles("ab12", IDS, np.zeros((3, 4, 4), np.uint8), np.zeros(3, np.uint8), beside=True),
     protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
     protocol.Error("no such scalar"),
     protocol.ViewState({"exposure": 2}),
@@ -320,6 +322,28 @@ def test_coarse_records_keep_their_luminance() -> None:
         np.testing.assert_allclose(sent.records.astype(np.float32), records, rtol=1e-3)
         assert np.isfinite(sent.records).all()
     assert np.isfinite(protocol.Coarse.of("k", IDS, records, 1e-3).records).all()
+
+
+def test_feed_sends_an_estimate_once_and_then_what_is_better() -> None:
+    feed = Feed()
+    feed.reset(10)
+    wanted, rough = np.array([1, 2, 3], np.int32), np.array([True, True, False])
+    feed.want(wanted)
+    feed.publish(wanted, rough)
+    assert feed.take().tolist() == [1, 2, 3]  # type: ignore[union-attr]
+    feed.estimated(wanted, rough)
+    feed.confirm(1)
+    for _ in range(3):  # a page that goes on asking
+        feed.want(wanted[:2])
+        assert not feed.publish(wanted[:2], rough[:2])
+        assert feed.take() is None
+    assert feed.publish(wanted[:1], np.array([False]))
+    assert feed.take().tolist() == [1]  # type: ignore[union-attr]
+    feed.estimated(wanted[:1], np.array([False]))
+    feed.confirm(2)
+    feed.want(wanted[:1])  # the page gave it up since
+    assert feed.publish(wanted[:1], np.array([True]))
+    assert drain(feed) == [1]
 
 
 def test_feed_forgets_what_an_old_light_wanted() -> None:

@@ -312,15 +312,19 @@ def few_tiles_until_confirmed(viewer: Viewer, client: Client, key: str, *, besid
     assert viewer.session.wait(30)
     client.send(protocol.ScalarRequest("value"))  # answered although tiles wait
     client.next(protocol.Scalar)
-    tiles = [each for each in client.heard if isinstance(each, protocol.Tiles)]
-    assert {each.beside for each in tiles} == {beside}
-    sent = sum(len(each.ids) for each in tiles)
-    assert sent < 5 * 1024 < COUNT
-    while sent < COUNT:
-        count = client._count(protocol.Tiles)
+
+    def tiles() -> list[int]:
+        found = [each for each in client.heard if isinstance(each, protocol.Tiles)]
+        assert {each.beside for each in found} == {beside}
+        return [len(each.ids) for each in found]
+
+    assert 4 <= len(tiles()) <= 16
+    assert sum(tiles()) <= 5 * 1024 < COUNT
+    while sum(tiles()) < COUNT:
+        count = len(tiles())
         client.send(protocol.Confirm(0, 1, 0, count) if beside else protocol.Confirm(count, 1))
-        sent += len(client.next(protocol.Tiles).ids)
-    assert sent == COUNT
+        client.next(protocol.Tiles)
+    assert sum(tiles()) == COUNT
 
 
 def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:

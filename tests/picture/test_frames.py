@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -191,6 +192,96 @@ def test_new_light_is_drawn_and_old_light_never_shown_as_new():
         *_, again = frames
         assert again.final
         assert again.ready == again.visible
+
+
+def test_old_light_is_shown_and_told_until_there_is_new():
+    with (
+        fake_session(lights=(Sky(1.0), Sun((1, 1, 1), 2.0))) as session,
+        Frames(session, size=SIZE, threads=1, antialias=1) as frames,
+    ):
+        while not frames.draw().final:
+            session.run_for(1.0)
+        lit = frames.draw()
+        session.relight(albedo=0.2)
+        frames.draw()
+        old = frames.draw()
+        assert (old.ready, old.dim, old.stale) == (0, 0, old.visible)
+        assert not old.final
+        assert np.array_equal(old.pixels, lit.pixels)  # the tone is the same: it depends on no albedo
+        session.relight(lights=(Sky(1.0),))  # and again, before anything of it has come
+        other = frames.draw()
+        assert (other.ready, other.stale) == (0, lit.visible)
+        session.relight(
+            lights=(Sky(1.0), Sun((1, 1, 1), 2.0)), albedo=0.7
+        )  # undone: what was stale is current
+        again = frames.draw()
+        assert (again.ready, again.stale) == (again.visible, 0)
+        session.relight(albedo=0.2)
+        counts = []
+        while not (frame := frames.draw()).final:
+            session.run_for(1e-9)
+            counts.append(frame.stale)
+            assert frame.ready + frame.dim + frame.stale <= frame.visible
+        assert counts[0] == lit.visible
+        assert counts == sorted(counts, reverse=True)
+        assert counts[-1] == 0
+        assert (frame.ready, frame.stale) == (frame.visible, 0)
+
+
+def test_old_light_goes_when_no_new_one_comes(caplog):
+    with (
+        fake_session() as session,
+        Frames(session, size=SIZE, threads=1, antialias=1, bake_budget_s=1.0) as frames,
+    ):
+        list(frames)
+
+        def broken(scene, spec):
+            raise MemoryError("no room for a tree")
+
+        session._make_baker = broken
+        session.relight(albedo=0.2)
+        assert frames.draw().stale > 0
+        *_, last = frames
+        assert (last.ready, last.stale) == (0, 0)
+
+
+def test_old_light_of_other_particles_is_not_shown():
+    with (
+        fake_session([cloud(80), cloud(80, seed=2)]) as session,
+        Frames(session, size=SIZE, threads=1, antialias=1, bake_budget_s=1.0) as frames,
+    ):
+        list(frames)
+        session.set_frame(1)
+        assert frames.draw().stale == 0
+
+
+def test_stale_textures_are_decoded_by_their_own_scale():
+    from luxel.picture.drawing import bare_table
+
+    scene = luxel.Scene(cloud(80))
+    codes = np.random.default_rng(0).integers(0, 256, (80, 8, 8)).astype(np.uint8)
+    ids = np.arange(80, dtype=np.int32)
+    before = luxel.LuminanceTextures(ids, codes, 2.0, "sqrt", 80, "k").snapshot("k")
+    now = replace(before, slot=bare_table(80).slot, decoding=before.decoding * np.float32(9))
+
+    class Table:
+        key = "k"
+
+        def __init__(self, table):
+            self.table = table
+
+        def snapshot(self, key):
+            return self.table
+
+        def sighted(self, ids, eye):
+            pass
+
+    pictures = []
+    for table in (before, now.with_stale(before)):
+        with Frames(scene, size=SIZE, textures=Table(table), antialias=1, threads=1) as frames:
+            pictures.append(frames.draw().pixels)
+    assert np.array_equal(*pictures)
+    assert now.with_stale(replace(before, codes=codes.copy())) is now  # of other memory
 
 
 def test_frames_follow_the_session_to_other_particles():

@@ -85,13 +85,13 @@ class Comparison:
         await asyncio.to_thread(self._session.sighted, ids, eye, _name(page), key)
         ready = await asyncio.to_thread(self._session.tiles, ids, key)
         if key == self.key:
-            page.beside.publish(ready.ids)
+            page.beside.publish(ready.ids, ready.estimate)
             page.wake.set()
 
     def publish(self, batch: TileBatch) -> None:
         """Hand finished textures of the second light to those who want them."""
         for page in self._pages:
-            if page.beside.publish(batch.ids):
+            if page.beside.publish(batch.ids, batch.estimate):
                 page.wake.set()
 
     def next_tiles(self, page: Page) -> protocol.Tiles | None:
@@ -100,7 +100,8 @@ class Comparison:
         while page.compares and key is not None and (ids := page.beside.take()) is not None:
             batch = self._session.tiles(ids, key)
             if len(batch.ids):
-                return protocol.Tiles(key, batch.ids, batch.codes, beside=True)
+                page.beside.estimated(batch.ids, batch.estimate)
+                return protocol.Tiles(key, batch.ids, batch.codes, batch.estimate.astype(np.uint8), beside=True)
             page.beside.withdraw()  # evicted meanwhile; the page will ask again
         return None
 

@@ -34,6 +34,7 @@ class Feed:
         self._batch_count = batch_count
         self._once = once
         self._sent = np.zeros(0, dtype=np.bool_)
+        self._estimated = np.zeros(0, dtype=np.bool_)  # what the page has no better of
         self._wanted = np.zeros(0, dtype=np.bool_)
         self._ready: deque[NDArray[np.int32]] = deque()
         self._in_flight: deque[NDArray[np.int32]] = deque()
@@ -44,6 +45,7 @@ class Feed:
         """Forget what was wanted: another light or another data set of `count` particles."""
         self._wanted = np.zeros(count, dtype=np.bool_)
         self._sent = np.zeros(count if self._once else 0, dtype=np.bool_)
+        self._estimated = np.zeros(count, dtype=np.bool_)
         self._ready.clear()
         # Batches on their way still count against the window, but their ids mean nothing any more.
         self._in_flight = deque(np.zeros(0, dtype=np.int32) for _ in self._in_flight)
@@ -55,9 +57,15 @@ class Feed:
         for batch in self._in_flight:
             self._wanted[batch] = False
 
-    def publish(self, ids: NDArray[np.int32]) -> bool:
-        """Note that textures of `ids` are ready; return whether any of them is wanted."""
-        ids = ids[ids < len(self._wanted)]
+    def publish(self, ids: NDArray[np.int32], estimate: NDArray[np.bool_] | None = None) -> bool:
+        """Note that textures of `ids` are ready; return whether any of them is wanted.
+
+        Of those that are estimates, (K,) `estimate`, none is sent to a page that has one already; None for no estimates.
+        """
+        known = ids < len(self._wanted)
+        if estimate is not None:
+            known[known] &= ~(estimate[known] & self._estimated[ids[known]])
+        ids = ids[known]
         ids = ids[self._wanted[ids]]
         if len(ids):
             self._ready.append(ids)
@@ -89,6 +97,11 @@ class Feed:
         self._in_flight.append(batch)
         self._sizes.append(len(batch))
         return batch
+
+    def estimated(self, ids: NDArray[np.int32], estimate: NDArray[np.bool_]) -> None:
+        """Note which of the textures that :meth:`take` returned are estimates: better ones are wanted still."""
+        self._estimated[ids] = estimate
+        self._wanted[ids[estimate]] = True
 
     def confirm(self, batches: int) -> None:
         """Take the page's word that it has `batches` messages in all."""

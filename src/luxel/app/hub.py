@@ -138,7 +138,8 @@ class Hub:
         while (ids := page.feed.take()) is not None:
             batch = self.session.tiles(ids, self._key)
             if len(batch.ids):
-                return protocol.Tiles(self._key, batch.ids, batch.codes)
+                page.feed.estimated(batch.ids, batch.estimate)
+                return protocol.Tiles(self._key, batch.ids, batch.codes, batch.estimate.astype(np.uint8))
             page.feed.withdraw()  # evicted meanwhile; the page will ask again
         if (tiles := self._comparison.next_tiles(page)) is not None:
             return tiles
@@ -228,7 +229,7 @@ class Hub:
         ready = await asyncio.to_thread(self.session.tiles, ids, message.key)
         first = await asyncio.to_thread(self.session.first_light, ids, message.key)
         if message.key == self._key:
-            page.feed.publish(ready.ids)
+            page.feed.publish(ready.ids, ready.estimate)
             page.coarse.publish(np.setdiff1d(first.ids, ready.ids, assume_unique=True))
             page.wake.set()
         self._status_soon()
@@ -334,8 +335,11 @@ class Hub:
         self.notice = ""  # what there was to wait for is over
         if batch.key == self._key:
             for page in self.pages:
-                feed = page.coarse if isinstance(batch, CoarseBatch) else page.feed
-                if feed.publish(batch.ids):
+                if isinstance(batch, CoarseBatch):
+                    news = page.coarse.publish(batch.ids)
+                else:
+                    news = page.feed.publish(batch.ids, batch.estimate)
+                if news:
                     page.wake.set()
         elif isinstance(batch, TileBatch) and batch.key == self._comparison.key:
             self._comparison.publish(batch)

@@ -166,12 +166,25 @@ class Colormap(Message):
 
 @dataclass(frozen=True, eq=False)
 class Tiles(Message):
-    """Luminance textures: (K,) int32 ids and (K, texels, texels) uint8 codes under the light `key`, which may be the one compared with."""
+    """Luminance textures under the light `key`.
+
+    Parameters
+    ----------
+    ids
+        (K,) int32.
+    codes
+        (K, texels, texels) uint8.
+    estimate
+        (K,) uint8: 1 for those that will be replaced by better ones if the page goes on asking.
+    beside
+        Whether this is the light compared with.
+    """
 
     kind: ClassVar[int] = 21
     key: str
     ids: NDArray[np.int32]
     codes: NDArray[np.uint8]
+    estimate: NDArray[np.uint8]
     beside: bool = False
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from luxel.kernels import FIRST_LIGHT
+from luxel.kernels import FIRST_LIGHT, STALE
 from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import four_codes, prefetch_texels, side_of
@@ -29,6 +29,7 @@ _ZERO, _QUARTER, _ONE, _TWO = (np.float32(x) for x in (0, 0.25, 1, 2))
 _FINE = np.float32(0.2)
 # Cosine² between normal and ray that the filter keeps to: beyond, a pixel shows more of what lies behind.
 _LIMB = np.float32(0.19)
+_PLACE = STALE - 1
 
 # Fields of `Hits.words`, RAYS words each.
 (_NX, _NY, _NZ, _DX, _DY, _DZ, _X, _Y, _Z, _T, _RADIUS, _LIGHT, _WEIGHT, _APART) = (RAYS * k for k in range(14))  # fmt: skip
@@ -128,8 +129,9 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
                 texel_corners(skin.mapping, side, nx, ny, nz, words[_APART:], hits.corners, v)
                 for j in range(v, v + LANES):
                     if slot[j] >= 0:
-                        prefetch_texels(skin.texels, slot[j], hits.corners[j])
-                        prefetch_texels(skin.texels, slot[j], hits.corners[2 * CORNER_STRIDE + j])
+                        place = slot[j] & _PLACE
+                        prefetch_texels(skin.texels, place, hits.corners[j])
+                        prefetch_texels(skin.texels, place, hits.corners[2 * CORNER_STRIDE + j])
 
 
 @kernel(inline=True, borrows=True)
@@ -187,11 +189,12 @@ def _light_textures(eye, skin, hits, v, step):
             s = hits.slot[j]
             if s >= 0 and words[_WEIGHT + j] > 0:
                 p, q, r, t = four_codes(
-                    skin.texels, s, corners[j], corners[j + CORNER_STRIDE], corners[j + 2 * CORNER_STRIDE], corners[j + 3 * CORNER_STRIDE]
+                    skin.texels, s & _PLACE, corners[j], corners[j + CORNER_STRIDE], corners[j + 2 * CORNER_STRIDE], corners[j + 3 * CORNER_STRIDE]
                 )  # fmt: skip
                 a, b = words[_APART + j], words[_APART + CORNER_STRIDE + j]
-                top = (_ONE - a) * decoding[p] + a * decoding[q]
-                low = (_ONE - a) * decoding[r] + a * decoding[t]
+                half = (s >> 30) << 8  # 256 if it is stale
+                top = (_ONE - a) * decoding[half + p] + a * decoding[half + q]
+                low = (_ONE - a) * decoding[half + r] + a * decoding[half + t]
                 words[_LIGHT + j] += (_ONE - b) * top + b * low
     store(words, _LIGHT + v, load(words, _LIGHT + v) / vmax(count, one))
 
@@ -344,11 +347,11 @@ def _mixed(particle, slot):
 def gather_seen(seen, slot, found):
     """List the particles marked in `seen`, ascending, into `found` (N,) int32.
 
-    Returns how many, how many of them have a texture, how many only first light, and the digest of their slots. `seen` is
-    (N',) uint8 with N' a multiple of 8 and at least N.
+    Returns how many, how many of them have a texture, how many only first light, how many a texture of another light, and the digest of their
+    slots. `seen` is (N',) uint8 with N' a multiple of 8 and at least N.
     """
     words = seen.view(np.uint64)
-    count = textured = dim = 0
+    count = textured = dim = stale = 0
     digest = np.uint64(0)
     for w in range(words.shape[0]):
         if words[w] == 0:
@@ -358,10 +361,11 @@ def gather_seen(seen, slot, found):
                 s = slot[i]
                 found[count] = i
                 count += 1
-                textured += s >= 0
+                textured += 0 <= s < STALE
                 dim += s == FIRST_LIGHT
+                stale += s >= STALE
                 digest += _mixed(i, s)
-    return count, textured, dim, digest
+    return count, textured, dim, stale, digest
 
 
 @kernel

@@ -17,6 +17,7 @@ from luxel.errors import InputError
 from luxel.kernels.frame import gather_seen, slots_digest
 from luxel.kernels.tone import develop_rows
 from luxel.light.lights import pack_lights
+from luxel.particles import Particles
 from luxel.picture.drawing import (
     NO_PICTURE,
     NOT_SEEN,
@@ -116,9 +117,9 @@ class Frame:
         (H, W, 3) uint8 sRGB. Never written again while anybody holds it.
     rays
         Rays a pixel.
-    visible, ready, dim
-        Particles seen since the camera moved last, and how many of them showed a texture, and first light, when it
-        was drawn.
+    visible, ready, dim, stale
+        Particles seen since the camera moved last, and how many of them showed a texture, first light, and a texture of the light before,
+        when it was drawn.
     final
         The camera rests, the picture is antialiased, and no better light will come: the next frame would be the same.
     """
@@ -128,6 +129,7 @@ class Frame:
     visible: int
     ready: int
     dim: int
+    stale: int
     final: bool
 
     def image(self) -> Image:
@@ -265,7 +267,9 @@ class Frames:
         self._seen = np.zeros(0, np.uint8)
         self._found = _NO_IDS
         self._count = 0  # of particles seen since the camera moved: those first in `found`
-        self._lit = (0, 0)  # of them
+        self._lit = (0, 0, 0)  # of them
+        self._before = ""  # key of the light that is shown where there is none yet
+        self._lit_by: tuple[str, Particles | None] = ("", None)
         self._digest = 0  # of their slots
         self._told = ("", 0)  # light key, and how many of them the source was told
         self._told_s = -np.inf
@@ -312,7 +316,9 @@ class Frames:
             self.view = view
         # Before the light is looked at. It is asked only when nothing else is left to do: counting is work, and frames leave that to others.
         waiting = not self._rested or self._waiting()
-        scene, source, table = self._look()
+        scene, source, now = self._look()
+        before = self._light_before(scene, source)
+        table = now if before is None else now.with_stale(before)
         moved, changed, toned = self._prepare(scene, source.key)
         if moved:
             self._forget(len(scene.particles))
@@ -330,7 +336,10 @@ class Frames:
         self._tell(source, scene)
         if picture is None and (toned or self._frame is None):
             picture = self._developed()
-        self._keep(picture, final=told and drawn is None and not waiting)
+        rests = told and drawn is None and not waiting
+        if rests:
+            self._before = ""  # nothing better comes: what is still shown under another light goes without
+        self._keep(picture, final=rests and not self._lit[2])
         if self.bake_budget_s > 0:
             self._crew.run(lambda: self.target.run_for(self.bake_budget_s))
         assert self._frame is not None
@@ -402,6 +411,20 @@ class Frames:
             self._bare = bare_table(len(scene.particles))
         return scene, source, self._bare
 
+    def _light_before(self, scene: Scene, source: TextureSource) -> TextureTable | None:
+        """Return the textures of the light before the last change, while some may be shown; not those of other particles."""
+        key, particles = self._lit_by
+        if key != source.key:
+            ready, _, stale = self._lit
+            if scene.particles is not particles or self.shading != "textures":
+                self._before = ""
+            elif ready >= stale:  # else the light before that still shows more
+                self._before = key
+            self._lit_by = source.key, scene.particles
+        elif self._count and not any(self._lit[1:]) and self._lit[0] == self._count:
+            self._before = ""  # all that is in sight has been replaced
+        return source.snapshot(self._before) if self._before else None
+
     def _waiting(self) -> bool:
         """Whether better light is on its way."""
         status = getattr(self.target, "status", None)
@@ -458,7 +481,7 @@ class Frames:
         else:
             self._seen[:] = 0
         self._count, self._told = 0, ("", 0)
-        self._digest, self._lit = 0, (0, 0)
+        self._digest, self._lit = 0, (0, 0, 0)
 
     def _next_pass(self, moved: bool, changed: bool) -> _Pass | None:
         """Return what gets the next ray; None if the picture is complete."""
@@ -520,8 +543,8 @@ class Frames:
     def _gather(self, table: TextureTable) -> None:
         """List what has been seen since the camera moved."""
         if self.shading == "textures":
-            self._count, ready, dim, self._digest = gather_seen(self._seen, table.slot, self._found)
-            self._lit = ready, dim
+            self._count, *lit, self._digest = gather_seen(self._seen, table.slot, self._found)
+            self._lit = lit[0], lit[1], lit[2]
 
     def _tell(self, source: TextureSource, scene: Scene) -> None:
         """Tell the source what is seen: when there is more of it, and now and then, so that requests do not lapse."""
@@ -557,7 +580,11 @@ class Frames:
         self._drew = picture is not None or self._growing is not None
         if picture is None:
             assert last is not None
-            if (last.visible, last.ready, last.dim, last.final) == (self._count, *self._lit, final):
+            if (last.visible, last.ready, last.dim, last.stale, last.final) == (
+                self._count,
+                *self._lit,
+                final,
+            ):
                 return
             picture = last.pixels
         self._frame = Frame(picture, self._shown.count, self._count, *self._lit, final)

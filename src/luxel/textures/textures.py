@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels import FIRST_LIGHT
+from luxel.kernels import FIRST_LIGHT, STALE
+from luxel.kernels.lookup import LearntTexels
 from luxel.light.mapping import Mapping
 
 __all__ = [
     "FIRST_LIGHT",
     "NO_COARSE",
+    "STALE",
     "LuminanceTextures",
     "TextureSource",
     "TextureTable",
@@ -57,11 +59,11 @@ class TextureTable:
     ----------
     slot
         (N,) int32 for every particle of the scene: its texture, or a negative number where there is no texture yet:
-        `FIRST_LIGHT` where there is a coarse record, else -1.
+        `FIRST_LIGHT` where there is a coarse record, else -1. With the bit `STALE` it is a texture of the light before, see :meth:`with_stale`.
     codes
         (M, texels, texels) uint8, or M compressed textures as ``kernels.lookup`` describes them.
     decoding
-        (256,) float32: luminance of each code.
+        (256,) float32: luminance of each code; or (512,), the latter half for those that are stale.
     mapping
         From texels to directions, see :class:`luxel.TextureSpec`.
     coarse
@@ -74,6 +76,25 @@ class TextureTable:
     decoding: NDArray[np.float32]
     mapping: Mapping = "latlong"
     coarse: NDArray[np.float32] = field(default_factory=lambda: NO_COARSE)
+
+    def with_stale(self, before: TextureTable) -> TextureTable:
+        """Return a table that shows what has nothing under this light under the light `before`, marked by `STALE`.
+
+        Both tables must have their codes in the same memory; else, and where there is nothing to show, this is returned.
+        """
+        shared = before.codes is self.codes or (
+            isinstance(before.codes, LearntTexels)
+            and isinstance(self.codes, LearntTexels)
+            and before.codes.records is self.codes.records
+            and before.codes.basis is self.codes.basis
+        )
+        if not shared or before.mapping != self.mapping or len(before.slot) != len(self.slot):
+            return self
+        bare = (self.slot == -1) & (before.slot >= 0)
+        if not bare.any():
+            return self
+        slot = np.where(bare, before.slot | np.int32(STALE), self.slot)
+        return replace(self, slot=slot, decoding=np.concatenate([self.decoding, before.decoding]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,7 +97,7 @@ export class Beside {
     const { light, drawing } = this.app;
     light.confirm("beside");
     if (this.tiles === null || head.key !== this.state?.key) return;
-    if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => light.sight.isVisible(id))) drawing.lightChanged();
+    if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => light.sight.isVisible(id), arrays.estimate)) drawing.lightChanged();
   }
 
   /** Whether the right shows another light than the left. */

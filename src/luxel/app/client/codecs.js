@@ -63,6 +63,16 @@ export class BakedStore {
   isCurrent(id) {
     return this.parts[Math.floor(id / this.part)] !== 0;
   }
+
+  /** Nothing better comes. @param {number} _id */
+  isEstimate(_id) {
+    return false;
+  }
+
+  /** There is one light only. @param {number} _id */
+  isStale(_id) {
+    return false;
+  }
 }
 
 /** @param {BakedStore["description"]} description @returns {Reader} */

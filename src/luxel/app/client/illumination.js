@@ -94,7 +94,7 @@ export class Illumination {
     if (head.beside) return this.app.beside.takeTiles(head, arrays);
     this.confirm("batches");
     this.received += arrays.ids.length;
-    if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => this.sight.isVisible(id))) this.app.drawing.lightChanged();
+    if (this.tiles.put(head.key, arrays.ids, arrays.codes, (id) => this.sight.isVisible(id), arrays.estimate)) this.app.drawing.lightChanged();
     this.dawned();
   }
 

@@ -104,7 +104,7 @@ export class LightSet {
     const { baked, store, coarse } = this;
     if (baked) baked.bind(program);
     else if (store) program.texture("uSlots", store.slots).texture("uAtlas", store.atlas).texture("uDecoding", store.decoding);
-    if (coarse) program.texture("uCoarse", coarse).float("uCoarseScale", this.coarseScale);
+    if (coarse) program.texture("uCoarse", coarse).float("uCoarseScale", this.coarseScale).int("uCurrent", this.tiles?.current ?? 0);
     const { sky, suns, globes, quads } = this.lights;
     program.float("uSky", [sky[0], sky[1]]).float("uSkyAxis", [sky[2], sky[3], sky[4]])
       .vec4s("uSuns", packed(suns, 6, (l) => l.slice(0, 5)))

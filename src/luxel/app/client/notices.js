@@ -44,7 +44,7 @@ export class Notices {
       this.shownAt = now;
     }
     if (app.scene === null) return;
-    const { visible, ready, coarse } = app.light.counts();
+    const { visible, ready, estimates, coarse, stale } = app.light.counts();
     const lambertian = app.light.state?.model === "lambertian";
     const n = (/** @type {number} */ x) => x.toLocaleString("en");
     const { loaded, count } = app.spheres.shown;
@@ -57,7 +57,9 @@ export class Notices {
       parts.push(ready >= visible ? "baked light" : `${n(ready)} with baked light`);
     } else {
       parts.push(ready >= visible ? "all lit" : `${n(ready)} lit`);
+      if (estimates) parts.push(`${n(estimates)} estimates`);
       if (coarse) parts.push(`${n(coarse)} in first light`);
+      if (stale) parts.push(`${n(stale)} in the light before`);
       if (this.status?.queued) parts.push(`${n(this.status.queued + this.status.baking)} queued`);
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
       if (app.light.store.dropped) parts.push("texture memory full");
@@ -70,6 +72,7 @@ export class Notices {
     /** @type {HTMLProgressElement} */
     const progress = app.element("progress");
     progress.value = loaded < count ? loaded / count : visible ? ready / visible : 0;
+    progress.parentElement?.classList.toggle("stale", stale > 0);
     progress.hidden = loaded === count && (lambertian || ready >= visible);
   }
 

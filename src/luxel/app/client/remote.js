@@ -173,7 +173,7 @@ export class Remote {
   /** What the picture shows. */
   get counts() {
     const { visible = 0, ready = 0, coarse = 0 } = this.shown ?? {};
-    return { visible, ready, coarse };
+    return { visible, ready, estimates: 0, coarse, stale: 0 };
   }
 
   /** Ask which particle is at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */

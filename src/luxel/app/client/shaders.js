@@ -209,6 +209,7 @@ uniform sampler2D uValues;      // position in the colour map, or a packed colou
 uniform sampler2D uLut;         // linear light
 uniform sampler2D uCoarse;      // first light; red < 0 where there is none
 uniform float uCoarseScale;
+uniform int uCurrent;           // generation of the textures of this light
 uniform bool uUniform, uPacked;
 uniform vec3 uColor, uNoData;   // linear light
 uniform vec2 uSky;              // level, ground
@@ -245,7 +246,9 @@ void main() { // the depth test leaves out what nothing covers
   float t = hit(s, gl_FragCoord.xy, ray, facing), luminance;
   vec3 n = uBasis * facing;
   ${reader ? `
-  int generation${complete ? " = 0, record = id" : ", record = recordOf(id, generation)"};
+  int generation${complete ? " = 0, record = id" : ", record = recordOf(id, generation)"};${coarse ? `
+  // First light tells more than a texture of another light.
+  if (record >= 0 && generation != uCurrent && texelFetch(uCoarse, place(id), 0).x >= 0.0) record = -1;` : ""}
   if (record >= 0) luminance = ${filtered ? "filtered(record, generation, s.w, facing, t, ray)" : "textured(record, generation, n)"};` : ""}
   ${complete ? "" : `${reader ? "else " : ""}{${coarse ? `
     vec4 c = texelFetch(uCoarse, place(id), 0);

@@ -4,6 +4,8 @@
  * Where textures are: tiles, or baked ones.
  * @typedef {object} Store
  * @property {(id: number) => boolean} isCurrent whether it has the texture of a particle under the current light
+ * @property {(id: number) => boolean} isEstimate whether a better one may come
+ * @property {(id: number) => boolean} isStale whether it has one, but of another light
  * @property {number} current names that light
  * @property {number} capacity most textures
  */
@@ -90,16 +92,19 @@ export class Sight {
   }
 
   /**
-   * How many visible particles have their tile, and how many others a coarse record.
+   * How many visible particles have their tile, how many of these are estimates, how many others have a coarse record, and how many of the rest a tile of another light.
    * @param {Store} tiles @param {import("./coarse.js").CoarseStore | null} records
    */
   litCount(tiles, records) {
-    let ready = 0, coarse = 0;
+    let ready = 0, estimates = 0, coarse = 0, stale = 0;
     for (let k = 0; k < this.count; k++) {
-      if (tiles.isCurrent(this.ids[k])) ready++;
-      else if (records?.has(this.ids[k])) coarse++;
+      if (tiles.isCurrent(this.ids[k])) {
+        ready++;
+        if (tiles.isEstimate(this.ids[k])) estimates++;
+      } else if (records?.has(this.ids[k])) coarse++;
+      else if (tiles.isStale(this.ids[k])) stale++;
     }
-    return { ready, coarse };
+    return { ready, estimates, coarse, stale };
   }
 }
 
@@ -132,7 +137,7 @@ export class Requests {
     let n = 0;
     for (let k = 0; k < sight.count; k++) {
       const id = sight.ids[k];
-      if (tiles.isCurrent(id)) continue;
+      if (tiles.isCurrent(id) && !tiles.isEstimate(id)) continue;
       missing[n++] = id;
       if (this.asked[id] !== tiles.current) {
         this.asked[id] = tiles.current;

@@ -62,6 +62,8 @@ export class TileStore {
     this.slots = new Int32Array(Math.ceil(particles / width) * width).fill(-1);
     this.dirtySlots = new DirtyRows(this.slots.length / width);
     this.owner = new Int32Array(wanted).fill(-1);
+    /** By slot: whether a better tile may come. */
+    this.estimates = new Uint8Array(wanted);
     this.used = 0;
     this.hand = 0;
     this.evicted = 0;
@@ -94,13 +96,24 @@ export class TileStore {
     return this.slots[id] >> SLOT_BITS === this.current;
   }
 
+  /** Whether a better tile than the one it has may come. @param {number} id */
+  isEstimate(id) {
+    return this.slots[id] >= 0 && this.estimates[this.slots[id] & ((1 << SLOT_BITS) - 1)] !== 0;
+  }
+
+  /** Whether it has a tile, but of another light. @param {number} id */
+  isStale(id) {
+    return this.slots[id] >= 0 && !this.isCurrent(id);
+  }
+
   /**
    * Store tiles. A tile of another light is replaced in place; when all is full, one that was not seen lately goes.
    * @param {string} key @param {Int32Array} ids @param {Uint8Array} codes
    * @param {(id: number) => boolean} visible those are never evicted
+   * @param {Uint8Array | null} [estimates] which of them are to be asked for again
    * @returns {number} how many were stored
    */
-  put(key, ids, codes, visible) {
+  put(key, ids, codes, visible, estimates = null) {
     const generation = this.generations.get(key);
     if (generation === undefined) return 0;
     let stored = 0;
@@ -112,6 +125,7 @@ export class TileStore {
         continue;
       }
       this.owner[slot] = id;
+      this.estimates[slot] = estimates === null ? 0 : estimates[k];
       this.setSlot(id, slot | (generation << SLOT_BITS));
       const at = slot * this.tileBytes;
       this.bytes.set(codes.subarray(k * this.tileBytes, (k + 1) * this.tileBytes), at);
