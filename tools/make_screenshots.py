@@ -54,7 +54,11 @@ def _rest(page: Page) -> None:
     """Wait until everything in the picture is lit and its edges are smooth."""
     page.run("luxel.synced()")
     settle(page)
-    page.wait("luxel.state()", PATIENCE_S, lambda state: state["samples"] >= 8)
+    page.wait(
+        "luxel.state()",
+        PATIENCE_S,
+        lambda s: s["samples"] >= 8 and (s["beside"] is None or s["beside"]["ready"] >= s["visible"]),
+    )
 
 
 def _take(page: Page, name: str) -> None:
