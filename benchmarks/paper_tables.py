@@ -29,7 +29,7 @@ from luxel.textures import codecs
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.codecs import Distortion
 from luxel.textures.compressed import CompressedTextures
-from luxel.textures.spec import TextureSpec
+from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import thread_count
 
@@ -38,9 +38,9 @@ _SIDE = 1024
 _SUBSET = 20_000  # where merging is exact
 
 
-def _bake(data: DataSet, samples: int) -> luxel.LuminanceTextures:
+def _bake(data: DataSet, samples: int, most: int) -> luxel.LuminanceTextures:
     baker = Baker(data.scene("sky+sun"), TextureSpec(mode="fast", samples=samples))
-    return bake_with(baker, np.arange(len(data.particles), dtype=np.int32))
+    return bake_with(baker, data.group("all", min(most, len(data.particles)), seed=4))
 
 
 def table2(sets: list[DataSet], quick: bool) -> Rows:
@@ -49,9 +49,9 @@ def table2(sets: list[DataSet], quick: bool) -> Rows:
     for data in sets:
         count = len(data.particles)
         ids = data.group("all", 8192 if quick else count)
-        for mode, samples in (("fast", 4), ("paper", 49)):
+        for mode, samples in DEFAULT_SAMPLES.items():
             lot = ids if mode == "fast" else ids[: 256 if quick else 4096]
-            baker = Baker(data.scene("sky+sun"), TextureSpec(mode=mode, samples=samples))  # type: ignore[arg-type]
+            baker = Baker(data.scene("sky+sun"), TextureSpec(mode=mode, samples=samples))
             bake_with(baker, lot[:32])
             start = perf_counter()
             bake_with(baker, lot)
@@ -85,11 +85,8 @@ def table2(sets: list[DataSet], quick: bool) -> Rows:
 def table3(sets: list[DataSet], quick: bool) -> Rows:
     """Codecs on the textures of the largest set; VQ also against exact merging where that is feasible."""
     data = sets[0]
-    codes = _bake(data, 1).codes
-    rng = np.random.default_rng(0)
-    subset = codes[np.sort(rng.permutation(len(codes))[:_SUBSET])]
-    if quick:
-        codes = codes[np.sort(rng.permutation(len(codes))[:60_000])]
+    codes = _bake(data, 1, 60_000 if quick else len(data.particles)).codes
+    subset = codes[np.sort(np.random.default_rng(0).permutation(len(codes))[:_SUBSET])]
     rows: Rows = []
 
     def row(kind: str, ratio_: float, textures: Any, note: str = "", **how: Any) -> None:

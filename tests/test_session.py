@@ -190,6 +190,54 @@ def test_a_sighting_under_an_old_key_is_ignored():
         assert session.status().queued == 1
 
 
+def test_a_second_model_is_lit_beside_the_first_and_follows_it():
+    heard: list[TileBatch] = []
+    with open_session(frames(), model="ao") as session:
+        session.subscribe(heard.append)
+        assert session.key_beside is None
+        beside = session.compare("shadows")
+        assert session.scene_beside.model == "shadows"
+        assert beside == light_key(session.scene_beside, SPEC) != session.key
+        session.sighted([1, 2, 3], EYE, "page", session.key)
+        session.sighted([3, 4], EYE, "page, beside", beside)
+        session.sighted([5], EYE, "page, beside", "no such key")
+        assert session.wait(GUARD_S)
+        assert sorted(session.tiles(range(100)).ids.tolist()) == [1, 2, 3]
+        there = session.tiles(range(100), beside)
+        assert sorted(there.ids.tolist()) == [3, 4]
+        assert not there.stale
+        assert {(batch.key, batch.stale) for batch in heard} == {(session.key, False), (beside, False)}
+        assert sorted(session.first_light(range(100)).ids.tolist()) == [
+            1,
+            2,
+            3,
+        ]  # not lost to the second light
+        assert not len(session.first_light(range(100), beside).ids)
+        session.relight(albedo=0.5)
+        assert session.key_beside == light_key(session.scene.with_changes(model="shadows"), SPEC)
+        session.set_frame(2)
+        assert len(session.scene_beside.particles) == 40
+        assert session.compare(None) is None
+        assert session.scene_beside is None
+
+
+def test_comparing_a_model_with_itself_bakes_once():
+    with open_session() as session:
+        assert session.compare(session.scene.model) == session.key
+        session.sighted([1, 2], EYE, "a", session.key)
+        session.sighted([2, 3], EYE, "b", session.key)
+        assert session.wait(GUARD_S)
+        assert sorted(session.tiles(range(100)).ids.tolist()) == [1, 2, 3]
+        assert session.status().ready == 3
+
+
+def test_a_second_model_that_cannot_be_is_refused():
+    with open_session() as session:
+        with pytest.raises(InputError, match="model"):
+            session.compare("flat")
+        assert session.key_beside is None
+
+
 def test_relight_changes_only_what_is_given():
     with open_session(lights=[Sky(0.5)], model="ao", albedo=0.4, ao_distance=2.0) as session:
         session.relight(albedo=0.6)

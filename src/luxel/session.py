@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import EllipsisType, TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from luxel.io import Series
     from luxel.scene.view import View
 
-__all__ = ["Session", "Status"]
+__all__ = ["Session", "SessionTextures", "Status"]
 
 MakeBaker = Callable[[Scene, TextureSpec], TileBaker]
 
@@ -188,10 +188,13 @@ class Session:
         self._lock = threading.RLock()
         self._cache = TextureCache(self.spec.texels, max_bytes, self.spec.mapping, components=components)
         self._estimates = estimates
-        self._engine = Engine(
-            self._cache, threads=0 if bake_budget_s else count, clock=clock, small_pixels=small_pixels
+        self._clock = clock
+        self._engine, self._engine_beside = (
+            Engine(self._cache, threads=0 if bake_budget_s else count, clock=clock, small_pixels=small_pixels)
+            for _ in range(2)
         )
-        self._driver = BudgetDriver(self._engine.run_for, bake_budget_s, count) if bake_budget_s else None
+        self._driver = BudgetDriver(self.run_for, bake_budget_s, count) if bake_budget_s else None
+        self._beside: _Lit | None = None  # what is compared with
         self._closed = False
         self.series: Sequence[Particles]
         if isinstance(series, Scene):
@@ -279,7 +282,9 @@ class Session:
             For ids outside the frame, an eye that is not three finite numbers, or another number of widths.
         """
         self._check_open()
-        lit = self._lit
+        lit, engine, beside = self._lit, self._engine, self._beside
+        if beside is not None and key == beside.key != lit.key:
+            lit, engine = beside, self._engine_beside
         if (key is not None and key != lit.key) or lit.scene.model == "lambertian":
             return
         visible = as_ids(np.asarray(ids), len(lit.scene.particles))
@@ -297,7 +302,7 @@ class Session:
         spheres = SphereSet.of(lit.scene.particles)
         at = spheres.to_unit(as_vector(eye, "eye"))
         look = _Look(spheres, at, lit.diagonal, visible, width)
-        if self._engine.request(lit.key, visible, look, client) and self._driver is not None:
+        if engine.request(lit.key, visible, look, client) and self._driver is not None:
             self._driver.wake()
 
     def tiles(self, ids: ArrayLike, key: str | None = None) -> TileBatch:
@@ -308,7 +313,9 @@ class Session:
         count = self._cache.particle_count(key)
         wanted = as_ids(np.asarray(ids) if count else [], count)
         ready, codes, grades = self._cache.lookup(key, wanted)
-        return TileBatch(key, wanted[ready], codes, grades == ESTIMATE, stale=key != lit.key)
+        return TileBatch(
+            key, wanted[ready], codes, grades == ESTIMATE, stale=key not in (lit.key, self.key_beside)
+        )
 
     def first_light(self, ids: ArrayLike, key: str | None = None) -> CoarseBatch:
         """Return the coarse records that there are among `ids`, under the current light key; none for another."""
@@ -321,7 +328,13 @@ class Session:
 
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` with each finished :class:`TileBatch`, from baking threads; return what ends that."""
-        return self._engine.subscribe(listener)
+        ends = [engine.subscribe(listener) for engine in (self._engine, self._engine_beside)]
+
+        def end_all() -> None:
+            for end in ends:
+                end()
+
+        return end_all
 
     def subscribe_coarse(self, listener: CoarseListener) -> Callable[[], None]:
         """Call `listener` with each :class:`CoarseBatch` of first light, from baking threads; return what ends that."""
@@ -358,8 +371,52 @@ class Session:
             self._check_open()
             if radius_scale is not None:
                 changes["particles"] = self.particles.scaled(radius_scale)
-            self._lit = self._light(self._lit.frame, self._lit.scene.with_changes(**changes))
-            return self._lit.key
+            return self._show(self._lit.frame, self._lit.scene.with_changes(**changes))
+
+    def compare(self, model: Model | None) -> str | None:
+        """Light the same scene under another shading model as well, for a second picture beside the first.
+
+        That light has a key of its own, by which :meth:`sighted` and :meth:`tiles` know it. It follows all changes of light and
+        frame, and has no first light.
+
+        Parameters
+        ----------
+        model
+            None ends it.
+
+        Returns
+        -------
+        str or None
+            Its light key.
+
+        Raises
+        ------
+        InputError
+            For an unknown model, where the light is baked in, and if the cache has no room for two light keys.
+        """
+        with self._lock:
+            if model is None:
+                self._beside = None
+                return None
+            self._check_open()
+            if self._baked is not None:
+                raise InputError(
+                    f"the light of {self._baked.path} is baked in: there is no other to compare with"
+                )
+            self._beside = self._light_beside(model)
+            return self._beside.key
+
+    @property
+    def scene_beside(self) -> Scene | None:
+        """The scene under the model that is compared with, see :meth:`compare`; None while there is none."""
+        beside = self._beside
+        return None if beside is None else beside.scene
+
+    @property
+    def key_beside(self) -> str | None:
+        """Light key of :attr:`scene_beside`."""
+        beside = self._beside
+        return None if beside is None else beside.key
 
     @property
     def light_fixed(self) -> bool:
@@ -392,8 +449,7 @@ class Session:
                 scene = now.with_changes(particles=particles)
             else:
                 scene = (Lighting.of(now) if light is None else light).scene(particles)
-            self._lit = self._light(k, scene)
-            return self._lit.key
+            return self._show(k, scene)
 
     def set_frame(self, k: int) -> str:
         """Show another time step under the same light; return the new light key.
@@ -410,7 +466,7 @@ class Session:
             k = self._check_frame(k)
             if k != self._lit.frame:
                 particles = self.series[k].scaled(self.particles.radius_scale)
-                self._lit = self._light(k, self._lit.scene.with_changes(particles=particles))
+                self._show(k, self._lit.scene.with_changes(particles=particles))
             return self._lit.key
 
     def status(self) -> Status:
@@ -427,23 +483,28 @@ class Session:
             baking=counts.baking,
             failed=counts.failed,
             evicted=self._cache.stats().evicted,
-            textures_per_s=self._engine.textures_per_s,
+            textures_per_s=self._engine.textures_per_s + self._engine_beside.textures_per_s,
             over_budget=self._engine.over_budget,
             clipped=self._engine.clipped_count,
-            error=self._engine.error,
+            error=self._engine.error or self._engine_beside.error,
         )
 
     def forget(self, client: str) -> None:
         """Withdraw what only this client wanted; call it when the client is gone."""
         self._engine.forget(client)
+        self._engine_beside.forget(client)
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Block until everything requested is ready; False if that takes longer than `timeout_s`."""
-        return self._engine.wait(timeout_s)
+        return self._engine.wait(timeout_s) and self._engine_beside.wait(timeout_s)
 
-    def run_for(self, budget_s: float) -> None:
-        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2."""
-        self._engine.run_for(budget_s)
+    def run_for(self, budget_s: float) -> int:
+        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2; return pieces of work done."""
+        end_s = self._clock() + budget_s
+        done = self._engine.run_for(budget_s)
+        if self._beside is not None and (left_s := end_s - self._clock()) > 0:
+            done += self._engine_beside.run_for(left_s)
+        return done
 
     def close(self) -> None:
         """Stop baking and join the threads; closing twice does no harm."""
@@ -452,6 +513,7 @@ class Session:
         if self._driver is not None:
             self._driver.close()
         self._engine.close()
+        self._engine_beside.close()
 
     def __enter__(self) -> Session:
         return self
@@ -469,6 +531,31 @@ class Session:
         if not isinstance(frame, int | np.integer) or not 0 <= frame < len(self.series):
             raise FrameError(f"no frame {frame!r} — there are {len(self.series)}, counted from 0")
         return int(frame)
+
+    def _show(self, frame: int, scene: Scene) -> str:
+        self._lit = self._light(frame, scene)
+        if self._beside is not None:
+            try:
+                self._beside = self._light_beside(self._beside.scene.model)
+            except InputError:  # no room for two any more
+                self._beside = None
+                raise
+        return self._lit.key
+
+    def _light_beside(self, model: Model) -> _Lit:
+        lit = self._lit
+        scene = lit.scene.with_changes(model=model)
+        key, scale = light_key(scene, self.spec), luminance_scale(scene)
+        if key != lit.key and model != "lambertian":
+            self._engine_beside.select(
+                key,
+                len(scene.particles),
+                scale,
+                self.spec.encoding,
+                lambda: self._bakers(lit.frame, scene),
+                beside=True,
+            )
+        return replace(lit, scene=scene, key=key, scale=scale)
 
     def _light(self, frame: int, scene: Scene) -> _Lit:
         key = light_key(scene, self.spec)

@@ -45,15 +45,15 @@ def find() -> str | None:
 
 
 class Browser:
-    """A headless Chromium with a profile of its own."""
+    """A headless Chromium with a profile of its own; `flags` come on top of those that tests need."""
 
-    def __init__(self) -> None:
+    def __init__(self, *flags: str) -> None:
         program = find()
         if program is None:
             raise FileNotFoundError("no Chromium found; set LUXEL_CHROMIUM")
         self._profile = tempfile.mkdtemp(prefix="luxel-chromium-")
         self.process = subprocess.Popen(
-            [program, *_FLAGS, f"--user-data-dir={self._profile}", "about:blank"],
+            [program, *_FLAGS, *flags, f"--user-data-dir={self._profile}", "about:blank"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -254,7 +254,7 @@ class Page:
         self.close()
 
     def _mouse(self, kind: str, at: tuple[float, ...], buttons: int) -> None:
-        button = "left" if kind != "mouseMoved" else "none"
+        button = "left" if buttons or kind == "mouseReleased" else "none"
         self.call(
             "Input.dispatchMouseEvent",
             type=kind,

@@ -12,6 +12,7 @@ from PIL import Image as Pillow
 
 import luxel
 from luxel.app import bake_commands, cli
+from luxel.app.parse import frame_range
 from luxel.app.report import bytes_text, time_text
 from luxel.textures.store.files import lock
 from tests.textures.stores import hashes
@@ -173,7 +174,7 @@ def test_bad_options_are_one_clear_line(file, tmp_path, capsys, given, message):
     [(":", [0, 1, 2]), ("1:", [1, 2]), ("0:2", [0, 1]), ("-1", [2]), ("1", [1]), ("::2", [0, 2])],
 )
 def test_frames(text, chosen):
-    assert list(range(3))[bake_commands._frames(text)] == chosen
+    assert list(range(3))[frame_range(text)] == chosen
 
 
 def test_other_settings_and_other_particles_are_refused(file, store, tmp_path, capsys):

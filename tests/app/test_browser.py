@@ -159,7 +159,7 @@ def test_new_light_replaces_the_old(page: Page, viewer: Viewer) -> None:
 def test_page_reconnects_and_draws_nothing_when_idle(page: Page) -> None:
     page.run("luxel.app.connection.socket.close()")
     page.wait("luxel.state().connected && Object.keys(luxel.state().troubles).length === 0", WAIT_S)
-    page.wait("(s => s.settled && s.samples === 16 && !luxel.app.scheduled)(luxel.state())", WAIT_S)
+    page.wait("(s => s.settled && s.samples === 16 && !luxel.app.drawing.scheduled)(luxel.state())", WAIT_S)
     frames = page.run("luxel.state().frames")
     for _ in range(20):
         page.run("new Promise(requestAnimationFrame)")

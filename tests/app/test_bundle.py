@@ -26,7 +26,7 @@ def test_modules_come_once_and_after_what_they_import(folder):
     write(
         folder,
         main='// a comment\nimport { two as b } from "./two.js";\nimport * as one from "./one.js";\nexport const sum = b + one.one;\n',
-        two='import {\n  one,\n} from "./one.js";\n/** Twice.\n * @returns {number} */\nexport const two = 2 * one;\n',
+        two='import {\n  one,\n} from "./one.js";\n/** Twice.\n * @returns {number} */\nexport const two = 2 *\n  /** @type {number} */ (one);\n',
         one="export const one = 1;\nexport function unused() {}\nexport async function later() {}\nexport class Thing {}\nconst last = 3;\nexport { last };\n",
     )
     code = bundle.client_module("main")
@@ -37,6 +37,7 @@ def test_modules_come_once_and_after_what_they_import(folder):
     assert "const one = $one;" in code
     assert "comment" not in code
     assert "Twice" not in code
+    assert "2 *\n(one);" in code
     assert code.endswith("export const { sum } = $main;\n")
 
 

@@ -11,6 +11,7 @@ from PIL import Image as Pillow
 import luxel
 from luxel import Camera, Cut, Scene, Select, Sky, Sun, View
 from luxel.app import cli, options, talk
+from luxel.app.hub import Renderer
 from luxel.errors import LuxelError
 from luxel.light.mapping import Mapping
 from luxel.picture.image import Image
@@ -437,6 +438,7 @@ def test_options_name_what_the_library_has():
     assert options.MODELS == MODELS
     assert set(options.MODES) == {"paper", "fast"}
     assert get_args(Mapping) == options.MAPPINGS
+    assert get_args(Renderer) == options.RENDERERS
 
 
 def command(*arguments, **more):

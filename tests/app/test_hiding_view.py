@@ -111,7 +111,7 @@ def test_a_cut_that_keeps_light(page: Page, viewer: Viewer) -> None:
 
 def test_selection_by_range_and_by_label(page: Page, viewer: Viewer) -> None:
     choose(page, "select", "value")
-    page.wait("luxel.app.scalars.has('value')", WAIT_S)
+    page.wait("luxel.app.coloring.scalars.has('value')", WAIT_S)
     slide(page, "low-slider", [40, 160])
     slide(page, "high-slider", [300])
     lit(page, viewer)
@@ -238,7 +238,7 @@ def test_a_view_is_saved_and_loaded(page: Page, viewer: Viewer) -> None:
     session.relight(model="shadows", radius_scale=1.0)
     session.set_frame(0)
     lit(page, viewer)
-    page.run(f"luxel.app.loadView({text!r})")
+    page.run(f"luxel.app.saved.load({text!r})")
     lit(page, viewer)
     assert session.scene.key == scene.key
     page.wait("luxel.state().coloring", WAIT_S, lambda found: "vector.x" in found)
@@ -260,16 +260,20 @@ def test_a_view_is_saved_and_loaded(page: Page, viewer: Viewer) -> None:
     ],
 )
 def test_a_bad_view_file_is_explained_in_the_page(page: Page, text: str, message: str) -> None:
-    page.run(f"luxel.app.loadView({text!r})")
+    page.run(f"luxel.app.saved.load({text!r})")
     page.wait("document.getElementById('banner').textContent", WAIT_S, lambda said: message in said)
-    page.run("luxel.app.trouble('server', null)")
+    page.run("luxel.app.notices.trouble('server', null)")
 
 
 def test_what_was_drawn_before_the_camera_rests_is_looked_at_again(page: Page) -> None:
     """A fast renderer draws several samples before that; what is visible must become known all the same."""
     settle(page, fully=True)
-    page.run("luxel.setCamera(luxel.camera()), luxel.app.film.restAt = Infinity, luxel.app.schedule()")
-    page.wait("(p => p.count > 1 && p.epoch === luxel.app.film.epoch)(luxel.app.film.pass)", WAIT_S)
+    page.run(
+        "luxel.setCamera(luxel.camera()), luxel.app.drawing.film.restAt = Infinity, luxel.app.drawing.schedule()"
+    )
+    page.wait(
+        "(p => p.count > 1 && p.epoch === luxel.app.drawing.film.epoch)(luxel.app.drawing.film.pass)", WAIT_S
+    )
     assert not page.run("luxel.state().known")
-    page.run("luxel.app.film.restAt = 0")
+    page.run("luxel.app.drawing.film.restAt = 0")
     settle(page, fully=True)

@@ -99,7 +99,7 @@ def test_keys_are_the_widgets_while_it_has_the_focus(page: Page) -> None:
     """In a cell, JupyterLab would take x for cutting the cell."""
     cells = f"{_NOTEBOOK}.widgets.length"
     before, camera = page.run(cells), page.run("luxel.camera()")
-    page.run("luxel.app.canvas.focus()")
+    page.run("luxel.app.drawing.canvas.focus()")
     for kind in ("keyDown", "keyUp"):
         page.call("Input.dispatchKeyEvent", type=kind, key="x", code="KeyX", windowsVirtualKeyCode=88)
     page.wait("luxel.camera().eye[1]", WAIT_S, lambda y: y != camera["eye"][1])

@@ -20,8 +20,11 @@ from luxel.errors import ProtocolError
 IDS = np.array([3, 1, 4], np.int32)
 FROM_PAGE = [
     protocol.Hello("ANGLE"),
+    protocol.Hello("none", "server"),
     protocol.Sighted("ab12", IDS, (0.5, -1.0, 2.0)),
-    protocol.Confirm(7, 2, 5),
+    protocol.Confirm(7, 2, 5, 1),
+    protocol.Compare("shadows"),
+    protocol.Compare(None),
     protocol.SetLight("ao", 0.5, 1.25, (195.0, 50.0, 2.0, 15.0)),
     protocol.SetLight(sky=0.0),
     protocol.SetLight(up="y", hide=[{"kind": "cut", "normal": [1, 0, 0], "offset": 2}], radius_scale=1.5),
@@ -32,14 +35,23 @@ FROM_PAGE = [
     protocol.ScalarRequest("velocity.x"),
     protocol.ColormapRequest("viridis"),
     protocol.Report("shader: 'x' undeclared"),
+    protocol.DrawBy("server"),
+    protocol.Stream({"exposure": 2}, 48, 32, True, (1.5, 0.5), 7),
+    protocol.StopStream(),
+    protocol.ConfirmFrame(3),
+    protocol.PickAt({"exposure": 2}, 48, 32, 0.25, 1.0),
+    protocol.TakeScreenshot({"exposure": 2}, 64, 48),
+    protocol.CancelScreenshot(),
+    protocol.ConfirmParts(4),
 ]
 FROM_SERVER = [
     protocol.Geometry(1, 0, np.arange(6, dtype=np.float32).reshape(2, 3), np.ones(2, np.float32)),
-    protocol.Scalar(1, "T", np.array([1, np.nan, 3], np.float32), (1.0, 3.0), (1.0, 3.0), False),
+    protocol.Scalar(1, "T", np.array([1, np.nan, 3], np.float32), (1.0, 3.0), (1.0, 3.0), False, True),
     protocol.Colormap("gray", np.arange(9, dtype=np.uint8).reshape(3, 3)),
     protocol.Tiles(
         "ab12", IDS, np.arange(3 * 16, dtype=np.uint8).reshape(3, 4, 4), np.array([0, 1, 0], np.uint8)
     ),
+    protocol.Tiles("ab12", IDS, np.zeros((3, 4, 4), np.uint8), np.zeros(3, np.uint8), beside=True),
     protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
     protocol.Error("no such scalar"),
     protocol.ViewState({"exposure": 2}),
@@ -57,6 +69,10 @@ FROM_SERVER = [
         count=np.array([3], np.uint16),
         center=np.array([[-1]], np.int8),
     ),
+    protocol.StreamedFrame(3, 7, "ab12", 48, 32, np.arange(5, dtype=np.uint8), True, 9, False, 7, 4, 1, 2),
+    protocol.Picked(1, 7, (0.5, -0.5, 0.25), 0.125),
+    protocol.ScreenshotState(1, 9),
+    protocol.ScreenshotPart(0, 7, np.arange(7, dtype=np.uint8)),
     protocol.Payload("ab12", 2048, np.arange(6, dtype=np.uint8).reshape(2, 3)),
 ]
 
@@ -139,6 +155,23 @@ def message(kind: int, head: object, tail: bytes = b"") -> bytes:
         message(4, {"sun": [1, 2, 3]}),
         message(5, {"frame": None}),
         message(5, {"frame": 0}, b"more"),
+        message(1, {"renderer": "x", "by": "me"}),
+        message(70, {"by": "both"}),
+        message(70, {"by": ""}),
+        message(71, {"view": {}, "width": 0, "height": 9, "moving": False, "grading": [1, 1], "wish": 0}),
+        message(71, {"view": {}, "width": 8193, "height": 9, "moving": False, "grading": [1, 1], "wish": 0}),
+        message(
+            61, {"view": {}, "width": 4096, "height": 4096, "moving": False, "grading": [1, 1], "wish": 0}
+        ),
+        message(71, {"view": {}, "width": 9, "height": 9.5, "moving": False, "grading": [1, 1], "wish": 0}),
+        message(71, {"view": {}, "width": 9, "height": 9, "moving": 1, "grading": [1, 1], "wish": 0}),
+        message(71, {"view": {}, "width": 9, "height": 9, "moving": False, "grading": [1, -1], "wish": 0}),
+        message(71, {"view": [], "width": 9, "height": 9, "moving": False, "grading": [1, 1], "wish": 0}),
+        message(71, {"view": {}, "width": 9, "height": 9, "moving": False, "grading": [1, 1], "wish": -1}),
+        message(74, {"view": {}, "width": 9, "height": 9, "x": 1.01, "y": 0}),
+        message(74, {"view": {}, "width": 9, "height": 9, "x": 0, "y": -1}),
+        message(75, {"view": {}, "width": 8193, "height": 1}),
+        message(75, {"view": {}, "width": 1, "height": 0}),
         struct.pack("<B3xI", 1, 16) + b'{"renderer":NaN}',
         struct.pack("<B3xI", 1, 4) + b"\xff\xff\xff\xff",
         struct.pack("<B3xI", 1, 400_000) + b"[" * 400_000,

@@ -37,7 +37,7 @@ def shown(
         view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
         Page(viewer.url, (420, 300), browser=browser) as page,
     ):
-        page.wait("window.luxel", WAIT_S)
+        page.wait("!!window.luxel", WAIT_S)
         yield page, session
 
 
@@ -57,12 +57,12 @@ def test_the_page_asks_again_for_what_it_has_an_estimate_of(browser: Browser) ->
         try:
             wait(page, "s.estimates > 0")
             page.wait("document.getElementById('counts').textContent.includes('estimates')", WAIT_S)
-            asked = page.run("luxel.app.sight.sentAt")
-            page.wait(f"luxel.app.sight.sentAt > {asked}", WAIT_S)
+            asked = page.run("luxel.app.light.requests.sentAt")
+            page.wait(f"luxel.app.light.requests.sentAt > {asked}", WAIT_S)
         finally:
             go.set()
         wait(page, "s.ready === s.visible && s.estimates === 0")
-        ids = page.run("[...luxel.app.sight.ids.subarray(0, luxel.app.sight.count)]")
+        ids = page.run("[...luxel.app.light.sight.ids.subarray(0, luxel.app.light.sight.count)]")
         batch = session.tiles(ids)
         assert not batch.estimate.any()
         assert len(batch) == len(ids)

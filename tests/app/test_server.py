@@ -344,6 +344,7 @@ def test_scalars_and_colormaps_come_on_request(viewer: Viewer) -> None:
         protocol.ColormapRequest("no such"),
         protocol.SetFrame(2),
         protocol.SetLight(model="no such"),
+        protocol.Compare("no such"),
         protocol.SetLight(sun=(0.0, 91.0, 1.0, 15.0)),
         protocol.SetLight(sky=-1.0),
         protocol.SetLight(),
@@ -382,6 +383,73 @@ def test_change_of_light_reaches_all_pages(viewer: Viewer) -> None:
     tiles = first.next(protocol.Tiles)
     assert tiles.key == after.key
     assert tiles.ids.tolist() == [7]
+
+
+def test_two_lights_at_once_for_a_page_that_compares(viewer: Viewer) -> None:
+    """The second light is told only to pages that asked, its tiles are marked, and it follows the first."""
+    page, other = Client(viewer), Client(viewer)
+    light = page.next(protocol.LightState)
+    other.next(protocol.LightState)
+    page.send(protocol.Compare("shadows"))
+    beside = page.next(protocol.BesideState)
+    assert (beside.model, beside.key) == ("shadows", viewer.session.key_beside)
+    ids, eye = np.arange(10, 40, dtype=np.int32), (0.0, 0.0, 5.0)
+    page.send(protocol.Sighted(light.key, ids, eye))
+    page.send(protocol.Sighted(beside.key, ids + 5, eye))
+    found: dict[tuple[str, bool], list[int]] = {(light.key, False): [], (beside.key, True): []}
+    while min(map(len, found.values())) < len(ids):
+        tiles = page.next(protocol.Tiles)
+        found[tiles.key, tiles.beside] += tiles.ids.tolist()
+    assert {key: sorted(each) for key, each in found.items()} == {
+        (light.key, False): ids.tolist(),
+        (beside.key, True): (ids + 5).tolist(),
+    }
+    page.send(protocol.SetLight(sky=0.25))
+    assert page.next(protocol.BesideState).lighting["lights"][0]["level"] == 0.25
+    page.send(protocol.SetFrame(1))
+    page.next(protocol.SceneState)
+    assert page.next(protocol.BesideState).key == viewer.session.key_beside
+    page.send(protocol.Compare(None))
+    page.send(protocol.ScalarRequest("value"))
+    page.next(protocol.Scalar)
+    assert viewer.session.key_beside is None
+    other.send(protocol.ScalarRequest("value"))
+    other.next(protocol.Scalar)
+    assert not any(isinstance(each, protocol.BesideState) for each in other.heard)
+
+
+def test_the_last_to_choose_what_to_compare_with_chooses_for_all_who_compare(viewer: Viewer) -> None:
+    first, second = Client(viewer), Client(viewer)
+    for client in (first, second):
+        client.send(protocol.Compare("ao"))
+        assert client.next(protocol.BesideState).model == "ao"
+    second.send(protocol.Compare("lambertian"))
+    assert first.next(protocol.BesideState).model == "lambertian"
+    first.socket.close()
+    second.send(protocol.ScalarRequest("value"))
+    second.next(protocol.Scalar)
+    assert viewer.session.scene_beside is not None  # the second page still compares
+
+
+def test_a_page_that_confirms_no_tiles_of_the_second_light_gets_few(viewer: Viewer) -> None:
+    client = Client(viewer)
+    client.send(protocol.Compare("ao"))
+    key = client.next(protocol.BesideState).key
+    client.send(protocol.Sighted(key, np.arange(COUNT, dtype=np.int32), (0, 0, 5)))
+    for _ in range(4):
+        assert client.next(protocol.Tiles).beside
+    assert viewer.session.wait(30)
+    client.send(protocol.ScalarRequest("value"))
+    client.next(protocol.Scalar)
+    tiles = [each for each in client.heard if isinstance(each, protocol.Tiles)]
+    assert len(tiles) == 4
+    sent = sum(len(each.ids) for each in tiles)
+    confirmed = 0
+    while sent < COUNT:
+        confirmed += 1
+        client.send(protocol.Confirm(0, 0, 0, confirmed))
+        sent += len(client.next(protocol.Tiles).ids)
+    assert sent == COUNT
 
 
 def test_other_lights_survive_the_sliders(viewer: Viewer) -> None:

@@ -431,6 +431,31 @@ def test_a_frame_with_far_more_particles_than_the_first_is_refused():
     cache.begin("more", 2000, 1.0, "linear")
 
 
+def test_a_key_beside_the_current_one_takes_nothing_from_it():
+    cache = TextureCache(TEXELS, 1 << 20, shards=1)
+    current = cache.begin("current", 2000, 1.0, "linear")
+    ids = ids_of(1, 2, 3)
+    assert cache.put_coarse(current, ids, np.ones((3, 4), np.float32))
+    beside = cache.begin("beside", 2000, 1.0, "linear", beside=True)
+    assert cache.lookup_coarse("current", ids)[0].all()
+    assert not len(beside.coarse)
+    assert cache.begin("beside", 2000, 1.0, "linear", beside=True) is beside
+    # It is as recently used as the current one: others are given up before it.
+    for k in range(40):
+        cache.begin(f"b{k}", 2000, 1.0, "linear")
+        assert cache.begin("beside", 2000, 1.0, "linear", beside=True) is beside
+    assert cache.light("beside") is beside
+    assert len(cache.light("b39").coarse)
+    # Where the budget has no room for two, the second is refused and the first is as it was.
+    many = cache._set_aside // 13
+    alone = TextureCache(TEXELS, 1 << 20, shards=1)
+    alone.begin("few", 2000, 1.0, "linear")
+    first = alone.begin("many", many, 1.0, "linear")
+    with pytest.raises(InputError, match="two lights at once"):
+        alone.begin("as many", many, 1.0, "linear", beside=True)
+    assert alone.light("many") is first
+
+
 def test_tables_of_other_keys_give_way_and_then_coarse_records():
     cache = TextureCache(TEXELS, 1 << 20, shards=1)
     cache.begin("a", 2000, 1.0, "linear")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from luxel.app.options import (
     number,
     positive_int,
 )
+from luxel.app.parse import frame_range
 from luxel.app.report import bytes_text, distortion_texts, plan_table
 from luxel.app.talk import Progress, say, say_if_cold, say_if_dark
 from luxel.errors import InputError
@@ -83,7 +83,7 @@ def _add_output_options(parser: argparse.ArgumentParser) -> None:
 def _add_frames_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames",
-        type=_frames,
+        type=frame_range,
         metavar="A:B",
         help="time steps from A up to B, which is left out; : is all (default: the first with particles)",
     )
@@ -290,19 +290,6 @@ def _codec(options: argparse.Namespace) -> CodecChoice:
     from luxel.textures.store.layout import CodecChoice
 
     return CodecChoice(options.codec, options.ratio, options.error, options.codewords, options.components)
-
-
-def _frames(text: str) -> slice:
-    match = re.fullmatch(r"\s*(-?\d*)\s*(?:(:)\s*(-?\d*)\s*(?::\s*(\d*)\s*)?)?", text)
-    if not match or match[1] == "-" or match[3] == "-" or not (match[1] or match[2]) or match[4] == "0":
-        raise argparse.ArgumentTypeError(
-            f"expected A:B, A:B:STEP or one frame, such as 0:10, got {text.strip()!r}"
-        )
-    first, last, step = (int(part) if part else None for part in (match[1], match[3], match[4]))
-    if match[2]:
-        return slice(first, last, step)
-    assert first is not None
-    return slice(first, first + 1 or None)
 
 
 COMMANDS = (

@@ -1,4 +1,4 @@
-"""The command line: ``luxel info | render | view | demo | bake | encode | figure | plan | export``."""
+"""The command line: ``luxel info | render | view | demo | movie | bake | encode | figure | plan | export``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import luxel
-from luxel.app import bake_commands, export_commands, look_commands
+from luxel.app import bake_commands, export_commands, look_commands, movie_commands
 from luxel.app.command import Command
 from luxel.app.options import protect_numbers
 from luxel.errors import LuxelError
@@ -63,7 +63,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"luxel {luxel.__version__}")
     parser.add_argument("--debug", action="store_true", help="show tracebacks")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (*look_commands.COMMANDS, *bake_commands.COMMANDS, *export_commands.COMMANDS):
+    for command in (
+        *look_commands.COMMANDS,
+        *movie_commands.COMMANDS,
+        *bake_commands.COMMANDS,
+        *export_commands.COMMANDS,
+    ):
         _add(commands, command)
     return parser
 

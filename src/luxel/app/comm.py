@@ -27,7 +27,7 @@ import threading
 from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
-from luxel.app.hub import Hub, Page
+from luxel.app.hub import Hub, Page, Renderer
 from luxel.app.limits import PAGES_MAX
 from luxel.app.protocol import SUBPROTOCOL
 from luxel.errors import ProtocolError, SessionClosedError
@@ -54,6 +54,8 @@ class CommServer:
         Carries messages to the front end.
     notice
         Shown until the first light arrives.
+    renderer
+        See :class:`Hub`.
 
     Notes
     -----
@@ -61,8 +63,10 @@ class CommServer:
     the server's thread.
     """
 
-    def __init__(self, session: Session, send: Send, notice: str = "") -> None:
-        self._hub = Hub(session, notice)
+    def __init__(
+        self, session: Session, send: Send, notice: str = "", renderer: Renderer = "browser"
+    ) -> None:
+        self._hub = Hub(session, notice, renderer)
         self._send = send
         self._pages: dict[str, _Visit] = {}
         self._leaving: set[asyncio.Task[None]] = set()  # or nothing would keep them until they are done

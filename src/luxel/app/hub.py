@@ -8,12 +8,13 @@ import functools
 import itertools
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from luxel.app import baked, protocol, state
-from luxel.app.feed import Feed
+from luxel.app.page import Page
+from luxel.app.streaming import Streaming
 from luxel.dynamic.work import CoarseBatch, TileBatch
 from luxel.errors import InputError, LuxelError, ProtocolError
 from luxel.kernels.jit import cold
@@ -25,11 +26,13 @@ from luxel.session import Session
 from luxel.textures.store.reader import BakedFrame
 from luxel.trace.spheres import SphereSet
 
-__all__ = ["Hub", "Page", "cold_notice"]
+__all__ = ["Hub", "Page", "Renderer", "cold_notice"]
+
+Renderer = Literal["browser", "raytrace"]
 
 _log = logging.getLogger(__name__)
+_DRAWERS = {"browser": "browser", "raytrace": "server"}
 _STATUS_PERIOD_S = 0.25
-_COARSE_COUNT = 8192  # records in one message: 96 kB
 _IDLE_PERIOD_S = 0.5  # between looks whether somebody changed the session from Python
 
 
@@ -38,61 +41,33 @@ def cold_notice() -> str:
     return "Compiling light kernels for this machine (once) …" if cold() else ""
 
 
-class Page:
-    """One connected browser tab; belongs to the event loop.
-
-    A newer message of the same kind replaces an unsent older one, and big ones are made only when they are sent, so
-    that a page which stalls costs almost no memory.
-    """
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.feed = Feed()
-        self.coarse = Feed(_COARSE_COUNT, once=True)
-        self.parts = baked.PartFeed()
-        self.greeted = False
-        self.view: View | None = None  # how the page looks at it, if it said so
-        self.wake = asyncio.Event()
-        self._outbox: dict[object, Callable[[], protocol.Message]] = {}
-
-    def post(self, key: object, make: Callable[[], protocol.Message]) -> None:
-        """Send what `make` returns, unless another message with the same `key` takes its place before that."""
-        self._outbox.pop(key, None)
-        self._outbox[key] = make
-        self.wake.set()
-
-    def reset(self, count: int) -> None:
-        """Forget what it wants and has: another light, or another data set of `count` particles."""
-        self.feed.reset(count)
-        self.coarse.reset(count)
-        self.parts.reset()
-
-    def clear(self) -> None:
-        """Drop what has not been sent: it is about another data set."""
-        self._outbox.clear()
-
-    def next_posted(self) -> protocol.Message | None:
-        """Return the next message, oldest first."""
-        if not self._outbox:
-            return None
-        return self._outbox.pop(next(iter(self._outbox)))()
-
-
 class Hub:
     """Carries messages between a session and its pages.
 
     Everything runs on the event loop but the session's own calls, which may take long and go to threads. Only
     `_hear`, the session's listener, is called from elsewhere.
+
+    Parameters
+    ----------
+    session
+        What pages show.
+    notice
+        What they say until the first light arrives.
+    renderer
+        What draws: ``"browser"``, or ``"raytrace"`` on the server, until a page wants it otherwise.
     """
 
-    def __init__(self, session: Session, notice: str = "") -> None:
+    def __init__(self, session: Session, notice: str = "", renderer: Renderer = "browser") -> None:
         self.session = session
         self.notice = notice
+        self.renderer: Renderer = renderer
         self.pages: set[Page] = set()
+        self._streaming = Streaming(session, self.pages)
         self._numbers = itertools.count(1)
         self._epoch = 0
         self._particles: Particles | None = None
         self._key = ""
+        self._key_beside: str | None = None
         self._baked: BakedFrame | None = None  # what pages get whole, instead of tiles
         self._baked_read = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -107,9 +82,11 @@ class Hub:
         self._loop = asyncio.get_running_loop()
         session = self.session
         self._unsubscribe = (session.subscribe(self._hear), session.subscribe_coarse(self._hear))
+        self._streaming.start()
 
     def stop(self) -> None:
-        """Stop listening."""
+        """Stop listening and drawing."""
+        self._streaming.stop()
         for unsubscribe in self._unsubscribe:
             unsubscribe()
         if self._status_timer is not None:
@@ -124,7 +101,9 @@ class Hub:
     async def leave(self, page: Page) -> None:
         """Remove a page; what only it wanted is not worth computing any more."""
         self.pages.discard(page)
+        self._streaming.leave(page)
         await asyncio.to_thread(self.session.forget, page.name)
+        await self._compare(page, None)
 
     async def receive(self, page: Page, data: bytes) -> None:
         """Act on a message from a page.
@@ -149,6 +128,8 @@ class Hub:
         posted = page.next_posted()
         if posted is not None or not page.greeted:
             return posted
+        if (part := page.download.take()) is not None:
+            return part
         while (ids := page.coarse.take()) is not None:
             first = self.session.first_light(ids, self._key)
             if len(first):
@@ -160,11 +141,19 @@ class Hub:
                 page.feed.estimated(batch.ids, batch.estimate)
                 return protocol.Tiles(self._key, batch.ids, batch.codes, batch.estimate.astype(np.uint8))
             page.feed.withdraw()  # evicted meanwhile; the page will ask again
-        if self._baked is not None and (part := page.parts.take()) is not None:
-            return baked.payload(self._baked, part)
+        key = self._key_beside
+        while page.compares and key is not None and (ids := page.beside.take()) is not None:
+            batch = self.session.tiles(ids, key)
+            if len(batch.ids):
+                page.beside.estimated(batch.ids, batch.estimate)
+                rough = batch.estimate.astype(np.uint8)
+                return protocol.Tiles(key, batch.ids, batch.codes, rough, beside=True)
+            page.beside.withdraw()
+        if self._baked is not None and (block := page.parts.take()) is not None:
+            return baked.payload(self._baked, block)
         return None
 
-    async def _act(self, page: Page, message: protocol.ClientMessage) -> None:
+    async def _act(self, page: Page, message: protocol.PageMessage) -> None:
         match message:
             case protocol.Hello():
                 _log.info(
@@ -172,6 +161,7 @@ class Hub:
                 )
                 await self._catch_up()
                 page.greeted = True
+                page.streamed = (message.by or _DRAWERS[self.renderer]) == "server"
                 self._introduce(page)
                 self._status_soon()
             case protocol.Sighted():
@@ -180,6 +170,7 @@ class Hub:
                 page.feed.confirm(message.batches)
                 page.coarse.confirm(message.coarse)
                 page.parts.confirm(message.parts)
+                page.beside.confirm(message.beside)
                 page.wake.set()
             case protocol.SetLight():
                 await self._set_light(message)
@@ -188,7 +179,7 @@ class Hub:
                 await self._catch_up()
             case protocol.ScalarRequest():
                 made = await asyncio.to_thread(
-                    state.scalar, self.session.particles, message.name, self._epoch
+                    state.scalar, self.session.particles, message.name, self._epoch, not page.streamed
                 )
                 page.post(("scalar", message.name), lambda: made)
             case protocol.ColormapRequest():
@@ -201,13 +192,28 @@ class Hub:
             case protocol.Inspect():
                 told = state.particle(self.session.particles, message.id, self._epoch)
                 page.post("particle", lambda: told)
+            case protocol.Compare():
+                await self._compare(page, message.model)
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
+            case protocol.DrawBy():
+                self._draw_by(page, streamed=message.by == "server")
+            case _:
+                self._streaming.act(page, message)
+
+    def _draw_by(self, page: Page, *, streamed: bool) -> None:
+        """Draw for a page, or let it draw."""
+        page.streamed = streamed
+        if not streamed:
+            self._streaming.draw_no_more(page)
+            if page.epoch != self._epoch:
+                self._introduce(page)  # particles and all, which it has not been sent
 
     async def _sighted(self, page: Page, message: protocol.Sighted) -> None:
         await self._catch_up()
         particles = self._particles
-        if message.key != self._key or particles is None:
+        beside = message.key != self._key and page.compares and message.key == self._key_beside
+        if not (beside or message.key == self._key) or particles is None:
             return  # it crossed a change of light on its way
         ids = np.unique(message.ids)
         if len(ids) and (ids[0] < 0 or ids[-1] >= len(particles)):
@@ -215,10 +221,18 @@ class Hub:
         if self._baked is not None:
             page.parts.want(ids)
             return
-        page.feed.want(ids)
-        page.coarse.want(ids)
         spheres = SphereSet.of(particles)
         eye = spheres.center + spheres.unit * np.asarray(message.eye)
+        if beside:
+            page.beside.want(ids)
+            await asyncio.to_thread(self.session.sighted, ids, eye, _beside(page), message.key)
+            ready = await asyncio.to_thread(self.session.tiles, ids, message.key)
+            if message.key == self._key_beside:
+                page.beside.publish(ready.ids, ready.estimate)
+                page.wake.set()
+            return
+        page.feed.want(ids)
+        page.coarse.want(ids)
         await asyncio.to_thread(self.session.sighted, ids, eye, page.name, message.key)
         ready = await asyncio.to_thread(self.session.tiles, ids, message.key)
         first = await asyncio.to_thread(self.session.first_light, ids, message.key)
@@ -247,6 +261,26 @@ class Hub:
         await asyncio.to_thread(functools.partial(self.session.relight, **changes))
         await self._catch_up()
 
+    async def _compare(self, page: Page, model: str | None) -> None:
+        """Show a page another model beside the session's, or no longer; the second model is the same on all pages that compare."""
+        before, page.compares = page.compares, model is not None
+        if model is None:
+            page.beside.reset(0)
+            if before:
+                await asyncio.to_thread(self.session.forget, _beside(page))
+            if before and not any(each.compares for each in self.pages):
+                await asyncio.to_thread(self.session.compare, None)
+                self._key_beside = None
+            return
+        try:
+            await asyncio.to_thread(self.session.compare, model)  # type: ignore[arg-type]
+        except LuxelError:
+            page.compares = before
+            raise
+        await self._catch_up()
+        if not before:
+            self._introduce_beside(page)
+
     async def _load_view(self, page: Page, data: Mapping[str, Any]) -> None:
         """Show a saved view: its light and frame on all pages, its camera and colours on this one."""
         view, note = await asyncio.to_thread(lambda: state.restore(self.session, SavedView.from_json(data)))
@@ -266,7 +300,9 @@ class Hub:
             if particles is self._particles:
                 return  # two pages came at once, and all is told already
             self._particles, self._key = particles, session.key
+            self._key_beside = session.key_beside
             self._epoch += 1
+            self._streaming.epoch = self._epoch
             stored = session.stored
             self._baked = stored if stored is not None and baked.fits_page(stored) else None
             self._baked_read = False
@@ -275,26 +311,48 @@ class Hub:
             for page in self.pages:
                 if page.greeted:
                     page.clear()
+                    self._streaming.dropped(page)
                     self._introduce(page)
-        elif session.key != self._key:
+            self._streaming.news()
+            return
+        if session.key != self._key:
             self._key = session.key
+            self._streaming.news()
             made = state.light_state(session)
             for page in self.pages:
                 if page.greeted:
                     page.reset(len(session.particles))
                     page.post("light", lambda: made)
             self._status_soon()
+        if session.key_beside != self._key_beside:
+            self._key_beside = session.key_beside
+            for page in self.pages:
+                if page.compares:
+                    self._introduce_beside(page)
+
+    def _introduce_beside(self, page: Page) -> None:
+        """Post the light that is compared with."""
+        made = state.beside_state(self.session)
+        if made is not None:
+            page.beside.reset(len(self.session.particles))
+            page.post("beside", lambda: made)
 
     def _introduce(self, page: Page) -> None:
         """Post the whole scene."""
         particles = self.session.particles
         page.reset(len(particles))
         epoch = self._epoch
-        page.post("scene", functools.partial(state.scene_state, self.session, epoch, self.notice))
+        scene = functools.partial(state.scene_state, self.session, epoch, self.notice, streamed=page.streamed)
+        page.post("scene", scene)
         page.post("light", functools.partial(state.light_state, self.session))
+        page.post("status", functools.partial(state.status, self.session))
+        if page.compares:
+            self._introduce_beside(page)
+        if page.streamed:
+            return
+        page.epoch = epoch
         for part in state.geometry(particles, epoch):
             page.post(("geometry", part.start), functools.partial(_same, part))
-        page.post("status", functools.partial(state.status, self.session))
         if self._baked_read:
             self._offer(page)
 
@@ -310,7 +368,7 @@ class Hub:
         if frame is self._baked:
             self._baked_read = True
             for page in self.pages:
-                if page.greeted:
+                if page.greeted and page.epoch == self._epoch:
                     self._offer(page)
 
     def _offer(self, page: Page) -> None:
@@ -322,6 +380,7 @@ class Hub:
 
     def _hear(self, batch: TileBatch | CoarseBatch) -> None:
         """Hear of finished work; called from the worker threads of the session."""
+        self._streaming.news()
         if self._loop is not None:
             with contextlib.suppress(RuntimeError):  # the loop has just closed
                 self._loop.call_soon_threadsafe(self._publish, batch)
@@ -335,6 +394,10 @@ class Hub:
                 else:
                     news = page.feed.publish(batch.ids, batch.estimate)
                 if news:
+                    page.wake.set()
+        elif batch.key == self._key_beside:
+            for page in self.pages:
+                if isinstance(batch, TileBatch) and page.beside.publish(batch.ids, batch.estimate):
                     page.wake.set()
         self._status_soon()
 
@@ -350,7 +413,8 @@ class Hub:
     def _send_status(self) -> None:
         self._status_timer = None
         session = self.session
-        if session.particles.unscaled is not self._particles or session.key != self._key:
+        keys = session.key, session.key_beside
+        if session.particles.unscaled is not self._particles or keys != (self._key, self._key_beside):
             self._chase = asyncio.ensure_future(self._catch_up())  # changed from Python, not by a page
         now = state.status(session)
         if self._status_sent is None or vars(now) != vars(self._status_sent):
@@ -361,6 +425,11 @@ class Hub:
         self._status_soon(
             _STATUS_PERIOD_S if now.queued or now.baking or now.textures_per_s else _IDLE_PERIOD_S
         )
+
+
+def _beside(page: Page) -> str:
+    """Name under which a page looks at the light that is compared with."""
+    return f"{page.name}, beside"
 
 
 def _same(message: protocol.Message) -> protocol.Message:

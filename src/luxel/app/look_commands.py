@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from luxel.app.command import Command
 from luxel.app.options import (
     LIGHTS,
+    RENDERERS,
     SunOption,
     add_bake_options,
     add_file_options,
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from luxel.textures.store.reader import Baked
     from luxel.textures.textures import TextureSource
 
-__all__ = ["COMMANDS", "open_if_baked", "open_series", "stored_look", "texture_spec"]
+__all__ = ["COMMANDS", "add_picture_options", "open_if_baked", "open_series", "stored_look", "texture_spec"]
 
 
 def _info_options(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +47,8 @@ def _info_options(parser: argparse.ArgumentParser) -> None:
 
 def _render_options(parser: argparse.ArgumentParser) -> None:
     add_file_options(parser)
-    _add_picture_options(parser, "-o", "--output", required=True)
+    _add_output_option(parser, "-o", "--output", required=True)
+    add_picture_options(parser)
     parser.add_argument(
         "--light",
         choices=LIGHTS,
@@ -67,14 +69,15 @@ def _view_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _demo_options(parser: argparse.ArgumentParser) -> None:
-    _add_picture_options(parser, "--render")
+    _add_output_option(parser, "--render")
+    add_picture_options(parser)
     _add_server_options(parser)
     add_bake_options(parser)
     parser.set_defaults(light="texture", json=False)
     add_scene_options(parser, samples=" (default: 1)")
 
 
-def _add_picture_options(parser: argparse.ArgumentParser, *flags: str, required: bool = False) -> None:
+def _add_output_option(parser: argparse.ArgumentParser, *flags: str, required: bool = False) -> None:
     parser.add_argument(
         *flags,
         dest="output",
@@ -82,6 +85,10 @@ def _add_picture_options(parser: argparse.ArgumentParser, *flags: str, required:
         metavar="OUT.png",
         help="the picture to write: .png, .jpg, .webp, .tif or .bmp",
     )
+
+
+def add_picture_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how a picture is drawn: its size, antialiasing, and whether it has a colour bar."""
     parser.add_argument(
         "--size",
         type=picture_size,
@@ -106,6 +113,12 @@ def _add_server_options(parser: argparse.ArgumentParser) -> None:
         "--host", default="127.0.0.1", help="address to serve at (default: 127.0.0.1, this machine only)"
     )
     parser.add_argument("--port", type=int, default=0, help="default: any free one")
+    parser.add_argument(
+        "--renderer",
+        choices=RENDERERS,
+        default="browser",
+        help="what draws at first: the browser, or this machine, which then sends pictures instead of particles (default: browser)",
+    )
     parser.add_argument("--no-browser", dest="browser", action="store_false", help="only print the URL")
 
 
@@ -331,6 +344,7 @@ def _serve(options: argparse.Namespace, session: Session, view: View) -> None:
             host=options.host,
             port=options.port,
             open_browser=options.browser,
+            renderer=options.renderer,
             block=True,
             announce=lambda url: print(url, flush=True),
         )

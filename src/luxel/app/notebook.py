@@ -10,6 +10,7 @@ from luxel.errors import MissingExtraError
 from luxel.session import Session
 
 if TYPE_CHECKING:
+    from luxel.app.hub import Renderer
     from luxel.app.widget import ViewerWidget
 
 __all__ = ["in_notebook", "make_widget"]
@@ -25,7 +26,9 @@ def in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None  # IPython in a terminal has none
 
 
-def make_widget(session: Session, height: int, owns_session: bool) -> ViewerWidget:
+def make_widget(
+    session: Session, height: int, owns_session: bool, renderer: Renderer = "browser"
+) -> ViewerWidget:
     """Return the viewer as a widget.
 
     Raises
@@ -37,4 +40,4 @@ def make_widget(session: Session, height: int, owns_session: bool) -> ViewerWidg
         raise MissingExtraError("a viewer in a notebook", "jupyter")
     from luxel.app.widget import ViewerWidget
 
-    return ViewerWidget(session, height=height, owns_session=owns_session)
+    return ViewerWidget(session, height=height, owns_session=owns_session, renderer=renderer)

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
+
+from luxel.app.parse import (
+    SunOption,
+    axes,
+    frame_budget,
+    number,
+    picture_size,
+    positive_int,
+    radius,
+    sky_levels,
+    sun,
+)
 
 if TYPE_CHECKING:
     from luxel.particles import Particles
@@ -18,6 +28,7 @@ if TYPE_CHECKING:
     from luxel.scene.view import View
 
 __all__ = [
+    "SunOption",
     "add_bake_options",
     "add_file_options",
     "add_light_options",
@@ -30,6 +41,7 @@ __all__ = [
     "frame_budget",
     "given_light",
     "number",
+    "picture_size",
     "positive_int",
     "protect_numbers",
 ]
@@ -37,6 +49,7 @@ __all__ = [
 # Written out so that `luxel --help` imports nothing; a test holds them to the library's own.
 MODELS = ("lambertian", "shadows", "ao", "interreflection")
 LIGHTS = ("texture", "pixel")
+RENDERERS = ("browser", "raytrace")
 MODES = ("fast", "paper")
 MAPPINGS = ("latlong", "octahedral")
 # Options of light are None unless they are given, so that they can be refused where the light is baked in.
@@ -44,46 +57,12 @@ _LIGHT_DEFAULTS = {"model": "interreflection", "mode": "fast", "mapping": "latlo
 _LIGHT_OPTIONS = (*_LIGHT_DEFAULTS, "samples", "sun", "sky", "ao_distance", "periodic", "radius_scale")
 # Whether what is hidden still casts shadows and bounces light.
 HIDDEN_LIGHT = ("keeps", "opens")
-_LARGEST_SIZE = 16_384
 _NUMBER = re.compile(r"-\.?\d")
-_DURATION = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*(ms|s)\s*")
-
-
-@dataclass(frozen=True)
-class SunOption:
-    """What ``--sun`` says; parts left out have the default sun's values."""
-
-    azimuth: float
-    elevation: float
-    level: float = 2.0
-    diameter: float = 15.0
 
 
 def protect_numbers(arguments: Sequence[str]) -> list[str]:
     """Put a blank before arguments such as -1e5 and -30,40, which argparse would take for options."""
     return [f" {argument}" if _NUMBER.match(argument) else argument for argument in arguments]
-
-
-def positive_int(text: str) -> int:
-    """Parse a whole number above zero."""
-    try:
-        value = int(text)
-    except ValueError:
-        value = 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number above 0, got {text.strip()!r}")
-    return value
-
-
-def frame_budget(text: str) -> float:
-    """Parse a time such as 33ms or 0.02s, above zero and at most a second; return seconds."""
-    match = _DURATION.fullmatch(text)
-    seconds = 0.0 if match is None else float(match[1]) * (1e-3 if match[2] == "ms" else 1.0)
-    if not 0 < seconds <= 1:
-        raise argparse.ArgumentTypeError(
-            f"expected a time above 0 and up to 1s, such as 33ms or 0.02s, got {text.strip()!r}"
-        )
-    return seconds
 
 
 def add_bake_options(parser: argparse.ArgumentParser) -> None:
@@ -127,16 +106,19 @@ def add_file_options(parser: argparse.ArgumentParser, *, stores: bool = True) ->
         )
     parser.add_argument(
         "--radius",
-        type=_radius,
+        type=radius,
         metavar="R",
         help="radius of all particles in file units, or auto to estimate it (default: the file's, else auto)",
     )
 
 
-def add_scene_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
-    """Add what says how particles are lit and looked at; None means "not given"."""
+def add_scene_options(parser: argparse.ArgumentParser, *, samples: str, keyframes: bool = False) -> None:
+    """Add what says how particles are lit and looked at; None means "not given".
+
+    With `keyframes`, ``--view`` may be repeated: then it is for the caller to set ``view_file`` to each of ``view_files``.
+    """
     add_light_options(parser, samples=samples)
-    _add_view_options(parser)
+    _add_view_options(parser, keyframes=keyframes)
 
 
 def add_light_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
@@ -167,14 +149,14 @@ def add_light_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
     )
     light.add_argument(
         "--sun",
-        type=_sun,
+        type=sun,
         action="append",
         metavar="AZ,EL[,LEVEL[,DIAMETER]]",
         help="a sun instead of the default one, angles in degrees (default: 225,42,2,15); may be repeated; none for no sun",
     )
     light.add_argument(
         "--sky",
-        type=_sky,
+        type=sky_levels,
         metavar="LEVEL[,GROUND]",
         help="the sky's level instead of 1, and its level from below; 0 for no sky",
     )
@@ -186,7 +168,7 @@ def add_light_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
     )
     light.add_argument(
         "--periodic",
-        type=_axes,
+        type=axes,
         metavar="AXES",
         help="repeat the simulation cell for light along these of its vectors, such as xy; pictures show one cell (default: none)",
     )
@@ -194,11 +176,14 @@ def add_light_options(parser: argparse.ArgumentParser, *, samples: str) -> None:
     light.add_argument("--threads", type=positive_int, metavar="N", help="default: all processors")
 
 
-def _add_view_options(parser: argparse.ArgumentParser) -> None:
+def _add_view_options(parser: argparse.ArgumentParser, *, keyframes: bool) -> None:
     look = parser.add_argument_group("view")
-    look.add_argument(
-        "--view", dest="view_file", metavar="VIEW.json", help="a saved view; other options override it"
-    )
+    what = "a saved view; other options override it"
+    if keyframes:
+        what += "; repeated, the camera moves smoothly from one to the next"
+        look.add_argument("--view", dest="view_files", action="append", metavar="VIEW.json", help=what)
+    else:
+        look.add_argument("--view", dest="view_file", metavar="VIEW.json", help=what)
     look.add_argument(
         "--color-by", metavar="NAME", help="scalar, component (velocity.x) or vector (its magnitude)"
     )
@@ -265,17 +250,6 @@ def fill_light(options: argparse.Namespace) -> None:
     for name, value in _LIGHT_DEFAULTS.items():
         if getattr(options, name) is None:
             setattr(options, name, value)
-
-
-def picture_size(text: str) -> tuple[int, int]:
-    """Parse 1280x720."""
-    match = re.fullmatch(r"\s*(\d+)\s*[xX×]\s*(\d+)\s*", text)
-    if not match:
-        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 1280x720, got {text!r}")
-    width, height = int(match[1]), int(match[2])
-    if not (1 <= width <= _LARGEST_SIZE and 1 <= height <= _LARGEST_SIZE):
-        raise argparse.ArgumentTypeError(f"width and height must lie in 1..{_LARGEST_SIZE}, got {text!r}")
-    return width, height
 
 
 def build_lights(
@@ -389,48 +363,3 @@ def aim(options: argparse.Namespace, view: View, particles: Particles, size: tup
         particles.bounds, up=view.up, aspect=size[0] / size[1], orthographic=options.orthographic, **angles
     )
     return view.with_changes(camera=camera)
-
-
-def number(text: str) -> float:
-    """Parse a finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected a number, got {text.strip()!r}")
-    return value
-
-
-def _axes(text: str) -> str:
-    letters = text.strip().lower()
-    if not letters or set(letters) - set("xyz") or len(set(letters)) < len(letters):
-        raise argparse.ArgumentTypeError(
-            f"expected each of x, y and z at most once, such as xy or xyz, got {text.strip()!r}"
-        )
-    return "".join(sorted(letters))
-
-
-def _radius(text: str) -> float | str:
-    return "auto" if text.strip() == "auto" else number(text)
-
-
-def _numbers(least: int, most: int, example: str) -> Callable[[str], list[float]]:
-    def parse(text: str) -> list[float]:
-        try:
-            values = [number(part) for part in text.split(",")]
-        except argparse.ArgumentTypeError:
-            values = []
-        if not least <= len(values) <= most:
-            raise argparse.ArgumentTypeError(f"expected {example}, got {text.strip()!r}")
-        return values
-
-    return parse
-
-
-_sky = _numbers(1, 2, "LEVEL or LEVEL,GROUND such as 1 or 1,0.3")
-_sun_numbers = _numbers(2, 4, "AZIMUTH,ELEVATION[,LEVEL[,DIAMETER]] such as 225,42,2,15, or none")
-
-
-def _sun(text: str) -> SunOption | None:
-    return None if text.strip() == "none" else SunOption(*_sun_numbers(text))

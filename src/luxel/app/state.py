@@ -18,7 +18,7 @@ from luxel.particles import Particles
 from luxel.scene.colormap import colormap_names
 from luxel.scene.lights import Light, Sky, Sun, Up, sun_direction, up_frame
 from luxel.scene.saved import Lighting, SavedView
-from luxel.scene.scene import MODELS
+from luxel.scene.scene import MODELS, Scene
 from luxel.scene.view import View
 from luxel.session import Session
 from luxel.textures.spec import light_key
@@ -26,6 +26,7 @@ from luxel.textures.textures import decoding_table
 from luxel.trace.spheres import SphereSet
 
 __all__ = [
+    "beside_state",
     "colormap",
     "geometry",
     "light_state",
@@ -71,8 +72,10 @@ def restore(session: Session, saved: SavedView) -> tuple[View, str]:
     return view, note
 
 
-def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.SceneState:
-    """Describe the data set, without its arrays."""
+def scene_state(
+    session: Session, epoch: int, notice: str = "", *, streamed: bool = False
+) -> protocol.SceneState:
+    """Describe the data set, without its arrays; `streamed` if they will not follow, since the server draws."""
     particles = session.particles.unscaled
     spheres = SphereSet.of(particles)
     names = [name for name in particles.names() if _drawable(particles, name)]
@@ -101,13 +104,23 @@ def scene_state(session: Session, epoch: int, notice: str = "") -> protocol.Scen
         view=view_of(session).to_json(),
         light_fixed=session.light_fixed,
         notice=notice,
+        streamed=streamed,
     )
 
 
 def light_state(session: Session) -> protocol.LightState:
     """Describe the light, in normalised units."""
     # One read of the scene, so that key and lights belong together even if another thread relights now.
-    scene = session.scene
+    return _light_of(session.scene, session)
+
+
+def beside_state(session: Session) -> protocol.BesideState | None:
+    """Describe the light that is compared with; None while there is none."""
+    scene = session.scene_beside
+    return None if scene is None else protocol.BesideState(**vars(_light_of(scene, session)))
+
+
+def _light_of(scene: Scene, session: Session) -> protocol.LightState:
     lights = pack_lights(scene, SphereSet.of(scene.particles))
     return protocol.LightState(
         key=light_key(scene, session.spec),
@@ -131,8 +144,8 @@ def geometry(particles: Particles, epoch: int) -> Iterator[protocol.Geometry]:
         yield protocol.Geometry(epoch, start, spheres.centers[part], spheres.radii[part])
 
 
-def scalar(particles: Particles, name: str, epoch: int) -> protocol.Scalar:
-    """Return the values of one scalar and their ranges.
+def scalar(particles: Particles, name: str, epoch: int, with_values: bool = True) -> protocol.Scalar:
+    """Return the values of one scalar and their ranges, or the ranges alone.
 
     Raises
     ------
@@ -146,10 +159,11 @@ def scalar(particles: Particles, name: str, epoch: int) -> protocol.Scalar:
     return protocol.Scalar(
         epoch,
         name,
-        single,
+        single if with_values else single[:0],
         view.scalar_range(particles),
         view.with_changes(log=True).scalar_range(particles),
         values.dtype.kind in "iu",
+        bool(np.isnan(single).any()),
     )
 
 

@@ -47,6 +47,8 @@ class Progress:
     ----------
     label
         What is done.
+    unit
+        What is counted.
 
     Attributes
     ----------
@@ -54,9 +56,9 @@ class Progress:
         Of the last report; 0 before the first.
     """
 
-    def __init__(self, label: str = "lighting") -> None:
+    def __init__(self, label: str = "lighting", unit: str = "particles") -> None:
         self._bar: Any = None
-        self._label = label
+        self._label, self._unit = label, unit
         self.done = self.total = 0
 
     def __call__(self, done: int, total: int) -> None:
@@ -70,7 +72,7 @@ class Progress:
                 total=total,
                 initial=done,
                 desc=self._label,
-                unit=" particles",
+                unit=f" {self._unit}",
                 unit_scale=True,
                 leave=False,
                 file=sys.stderr,

@@ -12,12 +12,12 @@ import threading
 import webbrowser
 from collections.abc import Callable, Mapping
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import uvicorn
 from numpy.typing import ArrayLike
 
-from luxel.app.hub import Hub, cold_notice
+from luxel.app.hub import Hub, Renderer, cold_notice
 from luxel.app.limits import PAGES_MAX
 from luxel.app.notebook import in_notebook, make_widget
 from luxel.app.protocol import CLIENT_BYTES_MAX
@@ -49,7 +49,9 @@ class Viewer:
         The session it shows: change frames and lights through it, and the page follows.
     """
 
-    def __init__(self, session: Session, host: str, port: int, owns_session: bool) -> None:
+    def __init__(
+        self, session: Session, host: str, port: int, owns_session: bool, renderer: Renderer = "browser"
+    ) -> None:
         self.session = session
         self._owns_session = owns_session
         self._socket = _listen(host, port)
@@ -64,7 +66,7 @@ class Viewer:
         shown = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(host, host)
         self.url = f"http://{f'[{shown}]' if ':' in shown else shown}:{bound}/?token={token}"
         config = uvicorn.Config(
-            make_app(Hub(session, cold_notice()), token, host),
+            make_app(Hub(session, cold_notice(), renderer), token, host),
             log_config=None,
             log_level="warning",
             access_log=False,
@@ -132,6 +134,7 @@ def view(
     scalars: Mapping[str, ArrayLike] | None = None,
     widget: bool | None = None,
     height: int = 480,
+    renderer: Renderer = "browser",
     host: str = "127.0.0.1",
     port: int = 0,
     open_browser: bool = True,
@@ -161,6 +164,9 @@ def view(
         What follows, but for `threads`, is then of no use.
     height
         Of the widget in pixels.
+    renderer
+        What draws at first: ``"browser"``, which is sent all particles; or ``"raytrace"``: this process draws, and
+        streams pictures, also of data that no browser could hold.
     host, port
         Where to listen; port 0 takes a free one. Anyone who can reach the address and knows the token can look; an address
         beyond this machine is warned about.
@@ -188,6 +194,8 @@ def view(
     MissingExtraError
         In a notebook, without ``luxel[jupyter]``.
     """
+    if renderer not in get_args(Renderer):
+        raise InputError(f"renderer must be one of {', '.join(get_args(Renderer))}, got {renderer!r}")
     if widget is None:
         widget = in_notebook()
     target, view = looked_at(target, view, radii=radii, colors=colors, color_by=color_by, scalars=scalars)
@@ -200,8 +208,8 @@ def view(
         session.view = view
     try:
         if widget:
-            return make_widget(session, height, owned)
-        viewer = Viewer(session, host, port, owned)
+            return make_widget(session, height, owned, renderer)
+        viewer = Viewer(session, host, port, owned, renderer)
     except LuxelError:
         if owned:
             session.close()

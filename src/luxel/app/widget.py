@@ -9,7 +9,7 @@ import traitlets
 
 from luxel.app.bundle import client_module, markup, stylesheet
 from luxel.app.comm import CommServer
-from luxel.app.hub import cold_notice
+from luxel.app.hub import Renderer, cold_notice
 from luxel.session import Session
 
 __all__ = ["ViewerWidget"]
@@ -33,11 +33,18 @@ class ViewerWidget(anywidget.AnyWidget):  # type: ignore[misc]
     _style = traitlets.Unicode(stylesheet()).tag(sync=True)
     height = traitlets.Int(480, min=120, max=10_000).tag(sync=True)
 
-    def __init__(self, session: Session, *, height: int = 480, owns_session: bool = False) -> None:
+    def __init__(
+        self,
+        session: Session,
+        *,
+        height: int = 480,
+        owns_session: bool = False,
+        renderer: Renderer = "browser",
+    ) -> None:
         super().__init__(height=height)
         self.session = session
         self._owns_session = owns_session
-        self._server = CommServer(session, self.send, cold_notice())
+        self._server = CommServer(session, self.send, cold_notice(), renderer)
         self.on_msg(lambda _, content, buffers: self._server.receive(content, buffers))
 
     def close(self) -> None:

@@ -157,15 +157,21 @@ class TextureCache:
         """All shards; none before the first light key."""
         return self._shards
 
-    def begin(self, key: str, count: int, scale: float, encoding: Encoding) -> Entries:
+    def begin(
+        self, key: str, count: int, scale: float, encoding: Encoding, *, beside: bool = False
+    ) -> Entries:
         """Make room for a light key with `count` particles whose codes mean `scale` and `encoding`.
 
         Doing so again only marks the key as recently used. Coarse records of all other keys are forgotten.
 
+        With `beside`, the key is a second one that is looked at together with the one begun last: that stays what it is, and keeps
+        its coarse records; the second has none.
+
         Raises
         ------
         InputError
-            If the key is there with another particle count or decoding, or the budget is too small for so many particles.
+            If the key is there with another particle count or decoding, or the budget is too small for so many particles,
+            or for two keys of so many.
         """
         decoding = decoding_table(scale, encoding)
         with self._lock:
@@ -186,8 +192,18 @@ class TextureCache:
                 self._light_count += 1
                 self._by_number[light.number] = light
             others = {name: other for name, other in self._lights.items() if other is not light}
-            self._lights = {**others, key: light}
-            self._share_out(light, list(others.values()))
+            if beside and others:
+                latest, current = others.popitem()
+                self._lights = {**others, key: light, latest: current}
+                self._share_out(current, [*others.values(), light])
+                if light.dropped:
+                    raise InputError(
+                        f"{self.max_bytes} bytes are too few to keep {count} particles under two lights at once — set max_bytes to "
+                        f"{_ALL_BYTES * 4 * count} at least"
+                    )
+            else:
+                self._lights = {**others, key: light}
+                self._share_out(light, list(others.values()))
             return light
 
     def light(self, key: str) -> Entries | None:

@@ -135,7 +135,16 @@ class Engine:
         self._error: str | None = None
         self._clipped_count = 0
 
-    def select(self, key: str, count: int, scale: float, encoding: Encoding, make_bakers: MakeBakers) -> None:
+    def select(
+        self,
+        key: str,
+        count: int,
+        scale: float,
+        encoding: Encoding,
+        make_bakers: MakeBakers,
+        *,
+        beside: bool = False,
+    ) -> None:
         """Make `key` the current light key and cancel what is queued for any other.
 
         Parameters
@@ -148,6 +157,8 @@ class Engine:
             How its codes become luminance.
         make_bakers
             Makes its bakers; called on the thread that first has something to bake, so it may take its time.
+        beside
+            Whether another engine over the same cache works at the light that is current there, see `TextureCache.begin`.
 
         Raises
         ------
@@ -157,11 +168,13 @@ class Engine:
         with self._lock:
             self._check_open()
             lit = self._lit
-            if lit is not None and key == lit.light.key:
+            if lit is not None and key == lit.light.key and not beside:
+                return
+            light = self.cache.begin(key, count, scale, encoding, beside=beside)
+            if lit is not None and light is lit.light:
                 return
             for desk in self._desks:
                 desk.select(None)
-            light = self.cache.begin(key, count, scale, encoding)
             if not self._desks:
                 self._desks = tuple(
                     Desk(k, self.cache, self._make_queue, self.small_pixels)

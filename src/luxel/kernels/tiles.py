@@ -214,8 +214,9 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     # Rounding of the plane offsets grows with the distance of the eye.
     slack = splat(np.float32(-1e-6) * (_TWO + abs(ox) + abs(oy) + abs(oz)))
     wide, high = np.float32(TILE) * _TWO / np.float32(width), np.float32(TILE) * _TWO / np.float32(height)
-    left = np.float32(tx) * (_TWO / np.float32(width)) - _ONE
-    top = _ONE - np.float32(ty) * (_TWO / np.float32(height))
+    # Parts of a picture have shifts beyond a pixel, see `picture.drawing.part_of`.
+    left = (np.float32(tx) + np.floor(shift_x)) * (_TWO / np.float32(width)) - _ONE
+    top = _ONE - (np.float32(ty) + np.floor(shift_y)) * (_TWO / np.float32(height))
     _put_planes(planes, eye, left, top, wide, high)
     for c in range(4):
         for a in range(3):

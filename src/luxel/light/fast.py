@@ -70,7 +70,7 @@ class FastLight:
         book: RecordBook | None = None,
     ) -> None:
         self._hidden = hidden
-        self._world, self._scale, self._seed = world._replace(keep=_KEEP), scale, seed
+        self._world, self._scale, self._seed = world, scale, seed
         self._mapping, self._texels, self._samples = mapping, texels, samples
         self._lock = threading.Lock()
         self._sets: dict[tuple[int, int], RaySets] = {}
@@ -109,7 +109,7 @@ class FastLight:
             return learned.apply(self._draw(ids, self._samples, _DRAWN))
         luminance = np.zeros((len(ids), self._texels, self._texels), np.float32)
         error = np.full(len(ids), _DARK * self._scale, np.float32)
-        seen, sun = self._draw(ids[dark], 1, _DRAWN)
+        seen, sun = self._draw(ids[dark], 1, _DRAWN, keep=np.float32(1))  # paths in the dark are long enough
         glimpse = seen.mean if sun is None else seen.mean + sun.mean
         rest = np.setdiff1d(np.arange(len(ids)), np.flatnonzero(dark)[~glimpse.any(axis=(1, 2))])
         if len(rest):
@@ -120,17 +120,17 @@ class FastLight:
         """Return coarse records, see :meth:`luxel.light.records.RecordBook.first_light`."""
         return self._book.first_light(ids)
 
-    def _drawn(self, drawing: int) -> World:
+    def _drawn(self, drawing: int, keep: np.float32) -> World:
         """Return the world of an independent drawing."""
         seed = (int(self._world.seed) + drawing * 0x9E3779B97F4A7C15) % 2**64
-        return self._world._replace(seed=np.uint64(seed))
+        return self._world._replace(seed=np.uint64(seed), keep=keep)
 
     def _dark(self, ids: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Whose record saw no light."""
         return np.asarray(~self._book.first_light(ids).any(axis=1))
 
-    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int) -> Drawn:
-        world = self._drawn(drawing)
+    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int, keep: np.float32 = _KEEP) -> Drawn:
+        world = self._drawn(drawing, keep)
         if self._by_paths:
             # unshadowed: next to no noise, so any square number will do
             return Drawn(draw_paths(world, self._mapping, self._texels, math.isqrt(samples) ** 2, ids), None)

@@ -34,9 +34,11 @@ __all__ = [
     "bare_table",
     "checked_size",
     "draw_rays",
+    "id_at",
     "make_eye",
     "make_skin",
     "make_tone",
+    "part_of",
     "ray_shifts",
     "seen_tree",
     "trace_primary",
@@ -70,15 +72,24 @@ class Crew:
         if self.threads == 1:
             work()
             return
+        # A helper that has no time before all is done is called off, but stays in the pool's queue for a while. It must not
+        # keep what `work` holds: a table of textures that is held is not brought up to date.
+        jobs = [work]
+
+        def help_out() -> None:
+            for job in jobs:
+                job()
+
         with self._lock:
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(self.threads - 1, "luxel-draw")
-            others = [self._pool.submit(work) for _ in range(self.threads - 1)]
+            others = [self._pool.submit(help_out) for _ in range(self.threads - 1)]
         try:
             work()
         finally:
             for other in others:
                 other.cancel()
+            jobs.clear()
         for other in others:
             if not other.cancelled():
                 other.result()
@@ -137,6 +148,32 @@ def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:
         forward.astype(np.float32),
         camera.orthographic,
     )
+
+
+def part_of(
+    eye: tiles.Eye, size: tuple[int, int], corner: tuple[int, int], part: tuple[int, int]
+) -> tuple[tiles.Eye, tuple[float, float]]:
+    """Return an eye that sees a part of a picture as a picture of its own, and what is added to the place of its rays in their pixels.
+
+    Parameters
+    ----------
+    size
+        Width and height of the whole picture that `eye` sees.
+    corner, part
+        Column and row of the part's upper left pixel, and its width and height.
+    """
+    shares = [np.float32(some / whole) for some, whole in zip(part, size, strict=True)]
+    shift = tuple(first - (whole - some) / 2 for first, whole, some in zip(corner, size, part, strict=True))
+    return eye._replace(right=eye.right * shares[0], up=eye.up * shares[1]), (shift[0], shift[1])
+
+
+def id_at(tree: Tree, eye: tiles.Eye, size: tuple[int, int], place: tuple[float, float]) -> int:
+    """Return the particle that the middle of a pixel shows, -1 for none; `place` is from the left and from the top, in [0, 1]."""
+    column, row = (min(int(at * extent), extent - 1) for at, extent in zip(place, size, strict=True))
+    part, (x, y) = part_of(eye, size, (column, row), (1, 1))
+    distance, ids = np.empty((1, 1), np.float32), np.empty((1, 1), np.int32)
+    tiles.primary_tiles(tree, part, 1, 1, np.float32(x + 0.5), np.float32(y + 0.5), 0, 1, distance, ids)
+    return int(ids[0, 0])
 
 
 def make_skin(table: TextureTable, colors: NDArray[np.float32]) -> frame.Skin:

@@ -25,6 +25,7 @@ from luxel.picture.drawing import (
     bare_table,
     checked_size,
     draw_rays,
+    id_at,
     make_eye,
     make_skin,
     make_tone,
@@ -38,7 +39,7 @@ from luxel.scene.view import View
 from luxel.textures.textures import TextureSource, TextureTable
 from luxel.trace.spheres import SphereSet
 
-__all__ = ["Frame", "Frames", "Lit", "Still"]
+__all__ = ["Frame", "Frames", "Lit", "Still", "lit_now"]
 
 Shading = Literal["textures", "lambertian", "shadows"]
 
@@ -68,6 +69,23 @@ class Lit(Protocol):
     def run_for(self, budget_s: float) -> object:
         """Work on light for about so many seconds, on the caller's thread."""
         ...
+
+
+def lit_now(target: Lit) -> tuple[Scene, TextureSource, TextureTable]:
+    """Return scene, textures and their table that belong together, though another thread may change them now.
+
+    Raises
+    ------
+    InputError
+        If the textures are of other particles.
+    """
+    for _ in range(_TRIES):
+        source, scene = target.source, target.scene
+        key = source.key
+        table = source.snapshot(key)
+        if target.scene is scene and source.key == key and len(table.slot) == len(scene.particles):
+            return scene, source, table
+    raise InputError(f"the textures are of {len(table.slot)} particles, the scene has {len(scene.particles)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,6 +366,25 @@ class Frames:
         finally:
             leave()
 
+    @property
+    def drawing(self) -> bool:
+        """Whether the last :meth:`draw` sent rays, so that the next may show more without any news."""
+        return self._drew
+
+    def id_at(self, x: float, y: float) -> int:
+        """Return the particle at a point of the picture that was drawn last, -1 for none.
+
+        `x` and `y` run over [0, 1] from the left and from the top.
+
+        Raises
+        ------
+        InputError
+            Before the first picture.
+        """
+        if self._tree is None or self._eye is None:
+            raise InputError("nothing has been drawn yet, so nothing is at any point")
+        return id_at(self._tree, self._eye, self.size, (x, y))
+
     def restart(self) -> None:
         """Have the next frame drawn as if the camera had just moved."""
         self._made_of.pop("eye", None)
@@ -366,20 +403,13 @@ class Frames:
         self.close()
 
     def _look(self) -> tuple[Scene, TextureSource, TextureTable]:
-        """Return scene and textures that belong together, though another thread may change them now."""
-        for _ in range(_TRIES):
-            source, scene = self.target.source, self.target.scene
-            key = source.key
-            if self.shading != "textures":
-                if self._bare is None or len(self._bare.slot) != len(scene.particles):
-                    self._bare = bare_table(len(scene.particles))
-                return scene, source, self._bare
-            table = source.snapshot(key)
-            if self.target.scene is scene and source.key == key and len(table.slot) == len(scene.particles):
-                return scene, source, table
-        raise InputError(
-            f"the textures are of {len(table.slot)} particles, the scene has {len(scene.particles)}"
-        )
+        """Return scene and textures that belong together."""
+        if self.shading == "textures":
+            return lit_now(self.target)
+        source, scene = self.target.source, self.target.scene
+        if self._bare is None or len(self._bare.slot) != len(scene.particles):
+            self._bare = bare_table(len(scene.particles))
+        return scene, source, self._bare
 
     def _light_before(self, scene: Scene, source: TextureSource) -> TextureTable | None:
         """Return the textures of the light before the last change, while some may be shown; not those of other particles."""

@@ -39,7 +39,7 @@ from luxel.textures.textures import TextureSource, TextureTable
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import run_parts, thread_count
 
-__all__ = ["render", "visible_ids"]
+__all__ = ["render", "shown_ids", "visible_ids"]
 
 Progress = Callable[[int, int], None]
 Light = Literal["texture", "pixel"]
@@ -155,6 +155,17 @@ def visible_ids(
     width, height = checked_size(size)
     eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
     return _visible(make_world(scene), eye, width, height, ray_shifts(antialias), thread_count(threads))
+
+
+def shown_ids(
+    scene: Scene, view: View, size: tuple[int, int], *, antialias: int = 3, threads: int | None = None
+) -> NDArray[np.int32]:
+    """Return the sorted ids (M,) int32 of particles that :func:`render` shows: those whose textures a picture needs."""
+    width, height = checked_size(size)
+    camera = view.camera_for(scene.particles, (width, height))
+    eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
+    seen = make_world(scene)._replace(tree=seen_tree(scene, view).arrays)
+    return _visible(seen, eye, width, height, ray_shifts(antialias), thread_count(threads))
 
 
 def draw_textures(

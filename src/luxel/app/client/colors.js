@@ -1,6 +1,6 @@
 // Scalars to positions in a colour map, and the colour bar; the same rules as luxel.scene.view.
 
-/** @typedef {{values: Float32Array, range: [number, number], logRange: [number, number], whole: boolean, labels: string[] | null}} Scalar */
+/** @typedef {{values: Float32Array, range: [number, number], logRange: [number, number], whole: boolean, missing?: boolean, labels: string[] | null}} Scalar */
 
 /** No colour map: a vector's components, which are scalars called name.x and so on, are the colours; as luxel.scene.colormap.RGB. */
 export const RGB = "rgb";
@@ -27,7 +27,7 @@ export const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 1
 export function grading(hex) {
   const base = rgb(hex).map(toLinear);
   const light = Math.max(...base); // bright backgrounds need less of it
-  return { top: base.map((c) => Math.min(1, c * (1.6 - 0.55 * light))), bottom: base.map((c) => c * (0.62 + 0.26 * light)) };
+  return { base, top: base.map((c) => Math.min(1, c * (1.6 - 0.55 * light))), bottom: base.map((c) => c * (0.62 + 0.26 * light)) };
 }
 
 /** Whether a scalar is shown as codes rather than as a scale. @param {Scalar} scalar @param {number} rows of the colour map @param {[number, number] | null} range @param {boolean} log */

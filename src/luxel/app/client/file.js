@@ -6,7 +6,7 @@ import { handle } from "./handle.js";
 import { KIND, decode, encode } from "./protocol.js";
 import { rowBytes, unpack } from "./unpacking.js";
 
-/** @typedef {import("./app.js").Transport} Transport */
+/** @typedef {import("./transport.js").Transport} Transport */
 /** @typedef {import("./unpacking.js").Packing} Packing */
 
 /**
@@ -26,6 +26,7 @@ export class FileTransport {
   constructor(page) {
     this.page = page;
     this.connected = false;
+    this.live = false;
     /** @type {Transport["onmessage"]} */
     this.onmessage = null;
     /** @type {Transport["onopen"]} */

@@ -53,6 +53,7 @@ export class Film {
     this.camera = null;
     this.epoch = 0;
     this.light = 0;
+    this.urgent = false; // the first sample under the new light is shown at once
     this.tone = true;
     this.restAt = 0;
     /** @type {Pass | null} */
@@ -78,9 +79,10 @@ export class Film {
     this.forget();
   }
 
-  /** Light or colours changed. */
-  lightChanged() {
+  /** Light or colours changed. @param {boolean} [dragged] by something that the user drags over the picture, which must keep up */
+  lightChanged(dragged = false) {
     this.light++;
+    this.urgent ||= dragged;
   }
 
   /** Exposure or background changed. */
@@ -140,6 +142,8 @@ export class Film {
     } else if (!moving && pass.count > 1 && !this.centralKnown) {
       // Drawn before the camera rested, so that nobody looked at the ids of the sample without shift: begin again.
       pass = this.begin(FULL, Math.min(8, pass.count));
+    } else if (this.urgent && pass.light !== this.light) {
+      pass = this.begin(pass, 1);
     } else if (pausing) {
       return true;
     } else if (!(slow && !this.settled) && pass.light !== this.light && pass.count >= pass.want) {
@@ -228,6 +232,7 @@ export class Film {
   begin({ scale, culled }, want) {
     const pair = this.shown === null ? 0 : 1 - this.shown.pair;
     this.begunAt = performance.now();
+    this.urgent = false;
     this.pass = { epoch: this.epoch, light: this.light, scale, culled, count: 0, want, pair };
     return this.pass;
   }

@@ -17,21 +17,26 @@ export function handle(app) {
   return {
     app,
     /** Where things stand. */
-    state: () => ({
-      ...app.counts(),
-      requested: app.sight.requested, received: app.tilesReceived, evicted: app.store.evicted, dropped: app.store.dropped, baked: app.baked?.description.kind ?? null,
-      known: app.film.listed.central, settled: app.film.settled, particles: app.scene?.count ?? 0, loaded: app.renderer.loaded,
-      samples: app.film.shown?.count ?? 0, frames: app.renderer.frameCount, frameMs: app.renderer.frameMs, fps: app.fps,
-      width: app.canvas.width, height: app.canvas.height, key: app.light?.key ?? "", model: app.light?.model ?? "",
-      coloring: app.coloring, hidden: app.shown.hiddenCount, connected: app.connection.connected, troubles: Object.fromEntries(app.troubles),
-      renderer: app.renderer.name,
-    }),
+    state: () => {
+      const { drawing: { renderer, film, canvas }, light, notices } = app;
+      return {
+        ...light.counts(),
+        requested: light.requests.count, received: light.received, evicted: light.store.evicted, dropped: light.store.dropped,
+        baked: light.baked?.description.kind ?? null,
+        known: film.listed.central, settled: film.settled, particles: app.scene?.count ?? 0, loaded: renderer.loaded,
+        samples: film.shown?.count ?? 0, frames: renderer.frameCount, frameMs: renderer.frameMs, fps: notices.fps,
+        width: canvas.width, height: canvas.height, key: light.state?.key ?? "", model: light.state?.model ?? "",
+        beside: app.beside.counts(), split: renderer.split, playing: app.player.playing, frame: app.scene?.frame ?? -1,
+        coloring: app.coloring.current, hidden: app.spheres.shown.hiddenCount, connected: app.connection.connected,
+        troubles: Object.fromEntries(notices.troubles), renderer: renderer.name,
+      };
+    },
     /** The camera in file units. */
-    camera: () => app.camera && cameraToFile(app.camera, app.scene),
+    camera: () => app.viewpoint.camera && cameraToFile(app.viewpoint.camera, app.scene),
     /** @param {Camera} camera in file units */
-    setCamera: (camera) => app.setCamera(cameraFromFile(camera, app.scene)),
+    setCamera: (camera) => app.viewpoint.set(cameraFromFile(camera, app.scene)),
     /** All that makes this picture, see luxel.SavedView. */
-    savedView: () => app.savedView(),
+    savedView: () => app.saved.current,
     /** Resolves once the server has acted on all that this page has said, and no change waits to be sent. */
     synced: async () => {
       while (app.pending) await new Promise(requestAnimationFrame);
@@ -46,10 +51,22 @@ export function handle(app) {
       });
       return true;
     },
+    /** Whether the server draws, whether what it sent is what is wanted now, and the message of that picture. */
+    remote: () => {
+      const { remote } = app, { width, height } = remote.canvas;
+      return { active: remote.active, current: remote.current, sent: remote.sent, shown: remote.shown, width, height };
+    },
+    /** The picture that the server sent (RGBA), rows from the top, as base64. */
+    remotePixels: () => {
+      const { canvas } = app.remote, { width, height } = canvas;
+      const copy = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
+      copy?.drawImage(canvas, 0, 0);
+      return copy ? base64(copy.getImageData(0, 0, width, height).data) : "";
+    },
     /** The picture (RGBA) and ids of pixel centres, rows from the bottom, as base64. */
     capture: () => {
-      app.upload(); // what came since the last frame counts
-      const { width, height, pixels, ids } = app.renderer.capture(/** @type {Camera} */ (app.camera));
+      app.drawing.upload(); // what came since the last frame counts
+      const { width, height, pixels, ids } = app.drawing.renderer.capture(/** @type {Camera} */ (app.viewpoint.camera));
       return { width, height, pixels: base64(pixels), ids: base64(ids) };
     },
   };

@@ -181,7 +181,7 @@ export class HidePanel {
   /** @param {number} hidden @param {number} count */
   showCount(hidden, count) {
     this.element("hiding").hidden = hidden === 0 && this.cut === null && this.select === null;
-    this.element("hidden-count").textContent = `${hidden.toLocaleString("en")} of ${count.toLocaleString("en")} hidden`;
+    this.element("hidden-count").textContent = count === 0 ? "" : `${hidden.toLocaleString("en")} of ${count.toLocaleString("en")} hidden`;
   }
 
   /** Bring the controls in line. */

@@ -35,16 +35,17 @@ export { finder };
  * @property {() => void} saveView
  * @property {(text: string) => void} loadView
  * @property {(frame: number) => void} frame
+ * @property {() => void} play or stop playing
+ * @property {(by: 1 | -1) => void} step to the next time step, or to the one before
  * @property {() => void} fit
  * @property {(axis: string, negative: boolean) => void} axis
  * @property {() => void} projection
- * @property {() => void} save
  * @property {() => void} layout the panel was shown or hidden
  * @property {(title: string) => void} titled the data set has a name
  */
 
 const LIGHT_DELAY_MS = 120; // after the last movement of a slider
-const MODEL_NAMES = /** @type {Record<string, string>} */ ({
+export const MODEL_NAMES = /** @type {Record<string, string>} */ ({
   lambertian: "Lambertian", shadows: "Soft shadows", ao: "Ambient occlusion", interreflection: "Global illumination",
 });
 
@@ -101,17 +102,27 @@ export class Panel {
     /** Changes that the server does not know yet, by the control. @type {Record<string, {pending: () => boolean}>} */
     this.changes = { sky, radius, sun, azimuth: sun, elevation: sun, diameter: sun, frame };
     on("frame-all", "click", () => listener.fit());
-    on("save", "click", () => listener.save());
     on("orthographic", "change", () => listener.projection());
     for (const button of root.querySelectorAll("[data-axis]")) {
       const axis = /** @type {HTMLElement} */ (button).dataset.axis ?? "x";
       button.addEventListener("click", (event) => listener.axis(axis, /** @type {MouseEvent} */ (event).shiftKey));
     }
     on("fold", "click", () => this.fold());
-    root.addEventListener("keydown", (event) => {
-      const typing = event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement;
-      if (event.key === "p" && !typing && !event.ctrlKey && !event.metaKey) this.fold();
-    });
+    root.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** @param {KeyboardEvent} event */
+  key(event) {
+    const { target } = event;
+    const typing = target instanceof HTMLSelectElement || (target instanceof HTMLInputElement && target.type !== "range");
+    if (typing || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.key === "p") this.fold();
+    else if (event.key === "." || event.key === ",") this.listener.step(event.key === "." ? 1 : -1);
+    // On buttons and headings, the space bar means them.
+    else if (event.key === " " && !(target instanceof HTMLElement && target.closest("button, summary"))) {
+      this.listener.play();
+      event.preventDefault();
+    }
   }
 
   fold() {
@@ -174,7 +185,7 @@ export class Panel {
     this.element("summary").textContent = `${scene.count.toLocaleString("en")} particles${time}`;
     this.element("time-part").hidden = scene.frame_count < 2;
     this.element("frame").max = String(scene.frame_count - 1);
-    this.element("frame").value = String(scene.frame);
+    if (!this.changes.frame.pending()) this.element("frame").value = String(scene.frame); // else it is being moved
     this.show();
   }
 

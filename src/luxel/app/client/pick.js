@@ -13,13 +13,16 @@ export class Pick {
     this.tip = finder(root)("readout");
     this.host = host;
     this.id = -1;
+    /** Where it is, if it is not among the particles here. @type {{centre: import("./camera.js").Vec, radius: number} | null} */
+    this.given = null;
     /** What the server said of it. @type {{id: number, position: string, radius: string, values: [string, string][]} | null} */
     this.details = null;
   }
 
-  /** @param {number} id -1 for none */
-  set(id) {
+  /** @param {number} id -1 for none @param {{centre: import("./camera.js").Vec, radius: number} | null} [sphere] if it is not among the particles here */
+  set(id, sphere = null) {
     this.id = id;
+    this.given = sphere;
     this.details = null;
     if (id >= 0) this.host.inspect(id);
     this.write();
@@ -36,7 +39,8 @@ export class Pick {
   /** Centre and radius in normalised units. */
   get sphere() {
     const { spheres, drawn, loaded } = this.host.shown();
-    const { id } = this;
+    const { id, given } = this;
+    if (given) return given;
     if (id < 0 || id >= loaded || drawn[4 * id + 3] === 0) return null;
     /** @type {import("./camera.js").Vec} */
     const centre = [spheres[4 * id], spheres[4 * id + 1], spheres[4 * id + 2]];

@@ -1,6 +1,6 @@
 // Messages to and from the server; the other half of app/protocol.py, which describes the format.
 
-export const SUBPROTOCOL = "luxel.v3";
+export const SUBPROTOCOL = "luxel.v4";
 
 /** Kinds of messages, as numbered in app/protocol.py. */
 export const KIND = {
@@ -8,6 +8,9 @@ export const KIND = {
   scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24,
   codec: 32, payload: 33,
   setView: 40, loadView: 41, inspect: 42, view: 50, particle: 51,
+  compare: 60, beside: 61,
+  drawBy: 70, stream: 71, stopStream: 72, confirmFrame: 73, pickAt: 74, takeScreenshot: 75, cancelScreenshot: 76, confirmParts: 77,
+  frame: 80, picked: 81, screenshotState: 82, screenshotPart: 83,
 };
 
 /** @typedef {Float32Array | Int32Array | Uint16Array | Int16Array | Uint8Array | Int8Array} Values */

@@ -57,11 +57,8 @@ export class Sight {
     this.ids = new Int32Array(1024);
     this.count = 0;
     this.epoch = 0;
-    this.requested = 0;
-    this.asked = new Int32Array(count).fill(-1); // the light under which an id was asked for last
-    this.sentAt = -Infinity;
-    this.fresh = false;
-    this.waiting = false; // for light, or for the next chance to ask for it
+    /** Counts what came into sight, and moves of the camera. */
+    this.changes = 0;
   }
 
   /**
@@ -72,7 +69,7 @@ export class Sight {
     if (epoch !== this.epoch) {
       this.epoch = epoch;
       this.count = 0;
-      this.fresh = true;
+      this.changes++;
     }
     const { stamp } = this;
     for (let k = 0; k < data.length; k += stride) {
@@ -85,7 +82,7 @@ export class Sight {
         this.ids = grown;
       }
       this.ids[this.count++] = id;
-      this.fresh = true;
+      this.changes++;
     }
   }
 
@@ -96,7 +93,7 @@ export class Sight {
 
   /**
    * How many visible particles have their tile, how many of these are estimates, how many others have a coarse record, and how many of the rest a tile of another light.
-   * @param {Store} tiles @param {import("./coarse.js").CoarseStore} records
+   * @param {Store} tiles @param {import("./coarse.js").CoarseStore | null} records
    */
   litCount(tiles, records) {
     let ready = 0, estimates = 0, coarse = 0, stale = 0;
@@ -104,10 +101,24 @@ export class Sight {
       if (tiles.isCurrent(this.ids[k])) {
         ready++;
         if (tiles.isEstimate(this.ids[k])) estimates++;
-      } else if (records.has(this.ids[k])) coarse++;
+      } else if (records?.has(this.ids[k])) coarse++;
       else if (tiles.isStale(this.ids[k])) stale++;
     }
     return { ready, estimates, coarse, stale };
+  }
+}
+
+/** What to ask the server for, and when, under one light. */
+export class Requests {
+  /** @param {Sight} sight */
+  constructor(sight) {
+    this.sight = sight;
+    /** Particles asked for, each once a light. */
+    this.count = 0;
+    this.asked = new Int32Array(sight.stamp.length).fill(-1); // the light under which an id was asked for last
+    this.sentAt = -Infinity;
+    this.known = -1; // changes of sight that were asked about
+    this.waiting = false; // for light, or for the next chance to ask for it
   }
 
   /**
@@ -116,33 +127,34 @@ export class Sight {
    * @param {Store} tiles @param {number} now milliseconds
    * @returns {Int32Array | null}
    */
-  request(tiles, now) {
-    if (now - this.sentAt < (this.fresh ? MOVING_MS : RESEND_MS)) {
+  next(tiles, now) {
+    const { sight } = this;
+    if (now - this.sentAt < (this.known === sight.changes ? RESEND_MS : MOVING_MS)) {
       this.waiting = true;
       return null;
     }
-    const missing = new Int32Array(this.count);
+    const missing = new Int32Array(sight.count);
     let n = 0;
-    for (let k = 0; k < this.count; k++) {
-      const id = this.ids[k];
+    for (let k = 0; k < sight.count; k++) {
+      const id = sight.ids[k];
       if (tiles.isCurrent(id) && !tiles.isEstimate(id)) continue;
       missing[n++] = id;
       if (this.asked[id] !== tiles.current) {
         this.asked[id] = tiles.current;
-        this.requested++;
+        this.count++;
       }
     }
-    this.fresh = false;
+    this.known = sight.changes;
     this.waiting = n > 0;
     if (n === 0) return null;
     this.sentAt = now;
     // What the atlas cannot hold is not asked for.
-    return missing.subarray(0, Math.max(0, Math.min(n, tiles.capacity - (this.count - n))));
+    return missing.subarray(0, Math.max(0, Math.min(n, tiles.capacity - (sight.count - n))));
   }
 
   /** The light changed, or the connection: ask again at once. */
-  askAgain() {
+  again() {
     this.sentAt = -Infinity;
-    this.fresh = true;
+    this.known = -1;
   }
 }

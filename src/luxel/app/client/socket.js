@@ -11,12 +11,13 @@ const FINAL = new Map([
 ]);
 const RETRY_MS = [300, 1000, 2000, 5000];
 
-/** @typedef {import("./app.js").Transport} Transport */
+/** @typedef {import("./transport.js").Transport} Transport */
 
 /** @implements {Transport} */
 export class SocketTransport {
   constructor() {
     this.attempts = 0;
+    this.live = true;
     /** @type {Transport["onmessage"]} */
     this.onmessage = null;
     /** @type {Transport["onopen"]} */

@@ -4,6 +4,7 @@ const ROW_BYTES = 2048;
 const GENERATIONS = 64;
 const SLOT_BITS = 24;
 export const LAYER_ROWS = 2048;
+export const ATLAS_BYTES = 64 << 20; // of a store, by default
 
 /** Rows of a texture that wait for upload. */
 export class DirtyRows {

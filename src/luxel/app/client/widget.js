@@ -4,7 +4,7 @@ import { App } from "./app.js";
 import { handle } from "./handle.js";
 import { SUBPROTOCOL } from "./protocol.js";
 
-/** @typedef {import("./app.js").Transport} Transport */
+/** @typedef {import("./transport.js").Transport} Transport */
 /** @typedef {{page: string, do: string, text?: string}} Content */
 
 /**
@@ -26,6 +26,7 @@ export class CommTransport {
     this.model = model;
     this.page = crypto.getRandomValues(new Uint32Array(4)).join("-"); // randomUUID wants a secure context
     this.connected = false;
+    this.live = true;
     this.timer = 0;
     /** @type {Transport["onmessage"]} */
     this.onmessage = null;

@@ -1,0 +1,61 @@
+"""One page that watches a session: what it has been told, and what it gets next."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from luxel.app import baked, protocol
+from luxel.app.download import Download
+from luxel.app.feed import Feed
+from luxel.scene.view import View
+
+__all__ = ["Page"]
+
+_COARSE_COUNT = 8192  # records in one message: 96 kB
+
+
+class Page:
+    """One connected browser tab; belongs to the event loop.
+
+    A newer message of the same kind replaces an unsent older one, and big ones are made only when they are sent, so
+    that a page which stalls costs almost no memory.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.feed = Feed()
+        self.coarse = Feed(_COARSE_COUNT, once=True)
+        self.parts = baked.PartFeed()
+        self.beside = Feed()  # tiles of the light that is compared with
+        self.compares = False
+        self.download = Download()
+        self.greeted = False
+        self.streamed = False  # whether the server draws for it
+        self.epoch = 0  # of the particles that it has been sent
+        self.view: View | None = None  # how the page looks at it, if it said so
+        self.wake = asyncio.Event()
+        self._outbox: dict[object, Callable[[], protocol.Message]] = {}
+
+    def post(self, key: object, make: Callable[[], protocol.Message]) -> None:
+        """Send what `make` returns, unless another message with the same `key` takes its place before that."""
+        self._outbox.pop(key, None)
+        self._outbox[key] = make
+        self.wake.set()
+
+    def reset(self, count: int) -> None:
+        """Forget what it wants and has: another light, or another data set of `count` particles."""
+        self.feed.reset(count)
+        self.beside.reset(count)
+        self.coarse.reset(count)
+        self.parts.reset()
+
+    def clear(self) -> None:
+        """Drop what has not been sent: it is about another data set."""
+        self._outbox.clear()
+
+    def next_posted(self) -> protocol.Message | None:
+        """Return the next message, oldest first."""
+        if not self._outbox:
+            return None
+        return self._outbox.pop(next(iter(self._outbox)))()
