@@ -7,7 +7,11 @@ from collections.abc import Iterator
 
 import pytest
 
+import luxel
+from luxel.session import Session
+from luxel.textures.spec import TextureSpec
 from tests.app.chromium import Browser, find
+from tests.scenes import cloud
 
 
 @pytest.fixture(scope="session")
@@ -19,3 +23,12 @@ def browser() -> Iterator[Browser]:
         pytest.skip("no Chromium found")
     with Browser() as opened:
         yield opened
+
+
+@pytest.fixture(scope="session")
+def warm() -> None:
+    """Kernels of frames are compiled, which may take longer than tests wait for a picture."""
+    spec = TextureSpec(mode="paper", samples=1, texels=8)
+    with Session(luxel.Scene(cloud(5), model="shadows"), spec=spec, threads=1) as session:
+        for frame in luxel.Frames(session, size=(16, 16)):
+            assert frame.visible <= 5

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import luxel
 from luxel.app.export import export
@@ -133,6 +134,16 @@ def test_the_page_shows_the_ray_tracers_picture_from_disk(
         pixels, ids = capture(page)
         kept = page.run("luxel.app.connection.ids && [...luxel.app.connection.ids]")
         assert page.run("luxel.state().troubles") == {}
+        if case == "heat":
+            # No server could draw it in another size: what is on the canvas is saved.
+            saved = tmp_path / "saved"
+            page.call("Page.setDownloadBehavior", behavior="allow", downloadPath=str(saved))
+            assert page.run("document.getElementById('save-size').hidden")
+            assert page.run("document.getElementById('drawn-by-row').hidden")
+            page.run("document.getElementById('save').click()")
+            page.wait("0", WAIT_S, lambda _: list(saved.glob("*.png")))
+            with Image.open(next(saved.glob("*.png"))) as picture:
+                assert picture.size == ids.shape[::-1]
         requests = page.requests
     if kept is not None:
         ids = np.append(np.array(kept), -1)[ids]

@@ -41,7 +41,8 @@ def series(tmp_path: Path) -> Path:
     folder.mkdir()
     for k in range(4):
         particles = cloud(COUNT, seed=k)
-        np.savez(folder / f"{k}.npz", positions=particles.positions, radii=particles.radii)
+        value = particles.scalars["value"] * (k + 1)
+        np.savez(folder / f"{k}.npz", positions=particles.positions, radii=particles.radii, value=value)
     return folder
 
 
@@ -102,14 +103,24 @@ def test_light_is_computed_once_a_time_step(
     assert len({key for key, _ in baked}) == 2
 
 
-def test_steps_are_shown_one_by_one(series: Path, tmp_path: Path) -> None:
+def framed(steps: list[luxel.Particles]) -> luxel.Camera:
+    """The camera that sees all steps."""
+    bounds = np.array([step.bounds for step in steps])
+    everything = np.stack([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+    return luxel.Camera.framing(everything, aspect=SIZE[0] / SIZE[1])
+
+
+def test_steps_are_shown_one_by_one_on_one_scale(series: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run("movie", f"{series}/*.npz", "-o", out, "--frames", ":", *FAST) == 0
+    assert run("movie", f"{series}/*.npz", "-o", out, "--frames", ":", "--color-by", "value", *FAST) == 0
     pictures = shown(out)
     assert len(pictures) == 4
-    camera = luxel.View().camera_for(luxel.open(str(series / "0.npz"))[0], SIZE)
+    steps = [luxel.open(str(series / f"{k}.npz"))[0] for k in range(4)]
+    values = [step.scalar("value") for step in steps]
+    ends = min(v.min() for v in values), max(v.max() for v in values)
+    view = luxel.View(camera=framed(steps), color_by="value", range=ends)
     for k, picture in enumerate(pictures):
-        np.testing.assert_array_equal(picture, rendered(series / f"{k}.npz", luxel.View(camera=camera)))
+        np.testing.assert_array_equal(picture, rendered(series / f"{k}.npz", view))
 
 
 def views(folder: Path, *changes: dict[str, Any], lighting: luxel.Lighting | None = None) -> list[Path]:
@@ -153,10 +164,9 @@ def test_stored_light_is_shown_without_computing_any(tmp_path: Path, monkeypatch
     monkeypatch.setattr(growing, "bake_with", None)
     out = tmp_path / "out"
     assert run("movie", store, "-o", out, "--frames", ":", "--size", "64x48", "--antialias", 1) == 0
-    camera = luxel.View().camera_for(frames[0], SIZE)
     for picture, frame in zip(shown(out), baked, strict=True):
         expected = luxel.render(
-            frame.scene, luxel.View(camera=camera), frame.compressed, SIZE, antialias=1
+            frame.scene, luxel.View(camera=framed(frames)), frame.compressed, SIZE, antialias=1
         ).pixels
         np.testing.assert_array_equal(picture, expected)
 

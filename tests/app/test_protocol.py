@@ -172,6 +172,7 @@ def message(kind: int, head: object, tail: bytes = b"") -> bytes:
         message(74, {"view": {}, "width": 9, "height": 9, "x": 0, "y": -1}),
         message(75, {"view": {}, "width": 8193, "height": 1}),
         message(75, {"view": {}, "width": 1, "height": 0}),
+        message(75, {"view": {"hide": [{}] * 65}, "width": 1, "height": 1}),
         struct.pack("<B3xI", 1, 16) + b'{"renderer":NaN}',
         struct.pack("<B3xI", 1, 4) + b"\xff\xff\xff\xff",
         struct.pack("<B3xI", 1, 400_000) + b"[" * 400_000,

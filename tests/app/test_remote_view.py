@@ -176,6 +176,43 @@ def test_screenshots_are_downloaded_in_the_size_asked_for(page: Page, viewer: Vi
     np.testing.assert_array_equal(np.asarray(Image.open(file)), expected.pixels)
 
 
+def test_time_steps_play_and_studies_run(browser: Browser) -> None:
+    spec = TextureSpec(mode="paper", samples=1, texels=8)
+    steps = [cloud(150, seed=k, radius=0.08) for k in range(3)]
+    with (
+        Session(steps, spec=spec, model="shadows", view=LOOK, threads=1) as session,
+        view(
+            session, renderer="raytrace", block=False, open_browser=False, announce=lambda url: None
+        ) as viewer,
+        Page(viewer.url, WINDOW, browser=browser) as page,
+    ):
+        equal(page, viewer)
+        assert page.run("document.getElementById('beside').disabled")  # one light is streamed
+        page.run("document.getElementById('study-add').click()")
+        choose(page, "rate", "10")
+        page.run("document.getElementById('play').click()")
+        for frame in (1, 2, 0):
+            page.wait("luxel.app.scene.frame", WAIT_S, lambda now, frame=frame: now == frame)
+        page.run("document.getElementById('play').click()")
+        assert page.run("luxel.synced()")
+        equal(page, viewer)
+        page.run(
+            "document.querySelectorAll('#study-models input').forEach(box => {"
+            " box.checked = ['lambertian', 'shadows'].includes(box.value); })"
+        )
+        page.run("document.getElementById('study-start').click()")
+        for count in (1, 2):
+            page.wait(
+                "luxel.app.study.run && [luxel.app.study.run.rows.length, luxel.app.study.shownAt]",
+                WAIT_S,
+                lambda now, count=count: now and now[0] == count and now[1] is not None and now[1] > 0,
+            )
+            assert rest(page)["shown"]["final"]
+            page.press("1")
+        page.wait("luxel.state().troubles.study", WAIT_S, lambda text: text and "2 of 2 answers" in text)
+        assert page.messages == []
+
+
 def test_without_webgl_the_server_draws(viewer: Viewer) -> None:
     with Session(viewer.session.scene, spec=viewer.session.spec, view=LOOK, threads=1) as session:
         plain = view(session, block=False, open_browser=False, announce=lambda url: None)

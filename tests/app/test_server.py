@@ -305,25 +305,31 @@ def test_second_page_gets_what_is_ready_at_once_and_only_what_it_wants(viewer: V
     assert sum(isinstance(each, protocol.Tiles) for each in second.heard) == 1
 
 
-def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
-    client = Client(viewer)
-    key = client.next(protocol.LightState).key
+def few_tiles_until_confirmed(viewer: Viewer, client: Client, key: str, *, beside: bool) -> None:
+    """A page that confirms no tiles of a light gets a few thousand, and all as it confirms them."""
     client.send(protocol.Sighted(key, np.arange(COUNT, dtype=np.int32), (0, 0, 5)))
-    for _ in range(4):  # full or not: COUNT tiles do not fit
-        client.next(protocol.Tiles)
+    client.next(protocol.Tiles)
     assert viewer.session.wait(30)
     client.send(protocol.ScalarRequest("value"))  # answered although tiles wait
     client.next(protocol.Scalar)
 
     def tiles() -> list[int]:
-        return [len(each.ids) for each in client.heard if isinstance(each, protocol.Tiles)]
+        found = [each for each in client.heard if isinstance(each, protocol.Tiles)]
+        assert {each.beside for each in found} == {beside}
+        return [len(each.ids) for each in found]
 
     assert 4 <= len(tiles()) <= 16
     assert sum(tiles()) <= 5 * 1024 < COUNT
     while sum(tiles()) < COUNT:
-        client.send(protocol.Confirm(len(tiles()), 1, 0))
+        count = len(tiles())
+        client.send(protocol.Confirm(0, 1, 0, count) if beside else protocol.Confirm(count, 1))
         client.next(protocol.Tiles)
     assert sum(tiles()) == COUNT
+
+
+def test_a_page_that_confirms_nothing_gets_few_tiles(viewer: Viewer) -> None:
+    client = Client(viewer)
+    few_tiles_until_confirmed(viewer, client, client.next(protocol.LightState).key, beside=False)
 
 
 def test_scalars_and_colormaps_come_on_request(viewer: Viewer) -> None:
@@ -434,22 +440,7 @@ def test_the_last_to_choose_what_to_compare_with_chooses_for_all_who_compare(vie
 def test_a_page_that_confirms_no_tiles_of_the_second_light_gets_few(viewer: Viewer) -> None:
     client = Client(viewer)
     client.send(protocol.Compare("ao"))
-    key = client.next(protocol.BesideState).key
-    client.send(protocol.Sighted(key, np.arange(COUNT, dtype=np.int32), (0, 0, 5)))
-    for _ in range(4):
-        assert client.next(protocol.Tiles).beside
-    assert viewer.session.wait(30)
-    client.send(protocol.ScalarRequest("value"))
-    client.next(protocol.Scalar)
-    tiles = [each for each in client.heard if isinstance(each, protocol.Tiles)]
-    assert len(tiles) == 4
-    sent = sum(len(each.ids) for each in tiles)
-    confirmed = 0
-    while sent < COUNT:
-        confirmed += 1
-        client.send(protocol.Confirm(0, 0, 0, confirmed))
-        sent += len(client.next(protocol.Tiles).ids)
-    assert sent == COUNT
+    few_tiles_until_confirmed(viewer, client, client.next(protocol.BesideState).key, beside=True)
 
 
 def test_other_lights_survive_the_sliders(viewer: Viewer) -> None:

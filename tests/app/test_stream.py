@@ -24,6 +24,8 @@ from luxel.textures.store.bake import bake_to
 from luxel.textures.store.layout import CodecChoice
 from tests.scenes import cloud
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 SIZE = (96, 72)
 GUARD_S = 20.0
 SPEC = TextureSpec(mode="paper", samples=1, texels=8)

@@ -20,6 +20,8 @@ from luxel.trace.spheres import SphereSet
 from tests.app.test_server import Client
 from tests.scenes import cloud
 
+pytestmark = pytest.mark.usefixtures("warm")
+
 SIZE = (96, 72)
 SPEC = TextureSpec(mode="paper", samples=1, texels=8)
 FRAMES = [cloud(300), cloud(200, seed=1)]

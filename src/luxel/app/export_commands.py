@@ -67,13 +67,13 @@ def _export(options: argparse.Namespace) -> None:
     if baked is not None:
         look = stored_look(options, baked)
         frame = baked[look.frame or 0]
-        view = aim(options, look.view, frame.particles, (16, 9))
+        view = aim(options, look.view, frame.particles.bounds, (16, 9))
         session = Session(baked, frame=frame.index, view=view, threads=0)
     else:
         look = build_look(options)
         fill_light(options)
         series, k = open_series(options, look.frame)
-        view = aim(options, look.view, series[k], (16, 9))
+        view = aim(options, look.view, series[k].bounds, (16, 9))
         session = Session(
             series, frame=k, lighting=look.light, spec=texture_spec(options), view=view, threads=0
         )

@@ -13,13 +13,13 @@ from typing import Any, Literal
 import numpy as np
 
 from luxel.app import baked, protocol, state
+from luxel.app.comparison import Comparison
 from luxel.app.page import Page
 from luxel.app.streaming import Streaming
 from luxel.dynamic.work import CoarseBatch, TileBatch
-from luxel.errors import InputError, LuxelError, ProtocolError
+from luxel.errors import LuxelError, ProtocolError
 from luxel.kernels.jit import cold
 from luxel.particles import Particles
-from luxel.scene.hiding import condition_from_json
 from luxel.scene.saved import SavedView
 from luxel.scene.view import View
 from luxel.session import Session
@@ -63,11 +63,11 @@ class Hub:
         self.renderer: Renderer = renderer
         self.pages: set[Page] = set()
         self._streaming = Streaming(session, self.pages)
+        self._comparison = Comparison(session, self.pages)
         self._numbers = itertools.count(1)
         self._epoch = 0
         self._particles: Particles | None = None
         self._key = ""
-        self._key_beside: str | None = None
         self._baked: BakedFrame | None = None  # what pages get whole, instead of tiles
         self._baked_read = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -103,7 +103,7 @@ class Hub:
         self.pages.discard(page)
         self._streaming.leave(page)
         await asyncio.to_thread(self.session.forget, page.name)
-        await self._compare(page, None)
+        await self._comparison.choose(page, None)
 
     async def receive(self, page: Page, data: bytes) -> None:
         """Act on a message from a page.
@@ -141,14 +141,8 @@ class Hub:
                 page.feed.estimated(batch.ids, batch.estimate)
                 return protocol.Tiles(self._key, batch.ids, batch.codes, batch.estimate.astype(np.uint8))
             page.feed.withdraw()  # evicted meanwhile; the page will ask again
-        key = self._key_beside
-        while page.compares and key is not None and (ids := page.beside.take()) is not None:
-            batch = self.session.tiles(ids, key)
-            if len(batch.ids):
-                page.beside.estimated(batch.ids, batch.estimate)
-                rough = batch.estimate.astype(np.uint8)
-                return protocol.Tiles(key, batch.ids, batch.codes, rough, beside=True)
-            page.beside.withdraw()
+        if (tiles := self._comparison.next_tiles(page)) is not None:
+            return tiles
         if self._baked is not None and (block := page.parts.take()) is not None:
             return baked.payload(self._baked, block)
         return None
@@ -193,7 +187,10 @@ class Hub:
                 told = state.particle(self.session.particles, message.id, self._epoch)
                 page.post("particle", lambda: told)
             case protocol.Compare():
-                await self._compare(page, message.model)
+                begins = await self._comparison.choose(page, message.model)
+                await self._catch_up()
+                if begins:
+                    self._comparison.introduce(page)
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
             case protocol.DrawBy():
@@ -212,7 +209,7 @@ class Hub:
     async def _sighted(self, page: Page, message: protocol.Sighted) -> None:
         await self._catch_up()
         particles = self._particles
-        beside = message.key != self._key and page.compares and message.key == self._key_beside
+        beside = message.key != self._key and page.compares and message.key == self._comparison.key
         if not (beside or message.key == self._key) or particles is None:
             return  # it crossed a change of light on its way
         ids = np.unique(message.ids)
@@ -224,12 +221,7 @@ class Hub:
         spheres = SphereSet.of(particles)
         eye = spheres.center + spheres.unit * np.asarray(message.eye)
         if beside:
-            page.beside.want(ids)
-            await asyncio.to_thread(self.session.sighted, ids, eye, _beside(page), message.key)
-            ready = await asyncio.to_thread(self.session.tiles, ids, message.key)
-            if message.key == self._key_beside:
-                page.beside.publish(ready.ids, ready.estimate)
-                page.wake.set()
+            await self._comparison.sighted(page, ids, eye, message.key)
             return
         page.feed.want(ids)
         page.coarse.want(ids)
@@ -243,43 +235,9 @@ class Hub:
         self._status_soon()
 
     async def _set_light(self, message: protocol.SetLight) -> None:
-        changes: dict[str, Any] = {}
-        if message.model is not None:
-            changes["model"] = message.model
-        if message.albedo is not None:
-            changes["albedo"] = message.albedo
-        if message.sky is not None or message.sun is not None:
-            up = message.up or state.view_of(self.session).up
-            lights = self.session.scene.sources
-            changes["lights"] = state.lights_with(lights, message.sky, message.sun, up)  # type: ignore[arg-type]
-        if message.hide is not None:
-            changes["hide"] = tuple(condition_from_json(each) for each in message.hide)
-        if message.radius_scale is not None:
-            changes["radius_scale"] = message.radius_scale
-        if not changes:
-            raise InputError("a change of light that changes nothing")
+        changes = state.light_changes(self.session, message)
         await asyncio.to_thread(functools.partial(self.session.relight, **changes))
         await self._catch_up()
-
-    async def _compare(self, page: Page, model: str | None) -> None:
-        """Show a page another model beside the session's, or no longer; the second model is the same on all pages that compare."""
-        before, page.compares = page.compares, model is not None
-        if model is None:
-            page.beside.reset(0)
-            if before:
-                await asyncio.to_thread(self.session.forget, _beside(page))
-            if before and not any(each.compares for each in self.pages):
-                await asyncio.to_thread(self.session.compare, None)
-                self._key_beside = None
-            return
-        try:
-            await asyncio.to_thread(self.session.compare, model)  # type: ignore[arg-type]
-        except LuxelError:
-            page.compares = before
-            raise
-        await self._catch_up()
-        if not before:
-            self._introduce_beside(page)
 
     async def _load_view(self, page: Page, data: Mapping[str, Any]) -> None:
         """Show a saved view: its light and frame on all pages, its camera and colours on this one."""
@@ -300,7 +258,7 @@ class Hub:
             if particles is self._particles:
                 return  # two pages came at once, and all is told already
             self._particles, self._key = particles, session.key
-            self._key_beside = session.key_beside
+            self._comparison.key = session.key_beside
             self._epoch += 1
             self._streaming.epoch = self._epoch
             stored = session.stored
@@ -324,18 +282,7 @@ class Hub:
                     page.reset(len(session.particles))
                     page.post("light", lambda: made)
             self._status_soon()
-        if session.key_beside != self._key_beside:
-            self._key_beside = session.key_beside
-            for page in self.pages:
-                if page.compares:
-                    self._introduce_beside(page)
-
-    def _introduce_beside(self, page: Page) -> None:
-        """Post the light that is compared with."""
-        made = state.beside_state(self.session)
-        if made is not None:
-            page.beside.reset(len(self.session.particles))
-            page.post("beside", lambda: made)
+        self._comparison.catch_up()
 
     def _introduce(self, page: Page) -> None:
         """Post the whole scene."""
@@ -346,8 +293,7 @@ class Hub:
         page.post("scene", scene)
         page.post("light", functools.partial(state.light_state, self.session))
         page.post("status", functools.partial(state.status, self.session))
-        if page.compares:
-            self._introduce_beside(page)
+        self._comparison.introduce(page)
         if page.streamed:
             return
         page.epoch = epoch
@@ -395,10 +341,8 @@ class Hub:
                     news = page.feed.publish(batch.ids, batch.estimate)
                 if news:
                     page.wake.set()
-        elif batch.key == self._key_beside:
-            for page in self.pages:
-                if isinstance(batch, TileBatch) and page.beside.publish(batch.ids, batch.estimate):
-                    page.wake.set()
+        elif isinstance(batch, TileBatch) and batch.key == self._comparison.key:
+            self._comparison.publish(batch)
         self._status_soon()
 
     def _status_soon(self, period_s: float = _STATUS_PERIOD_S) -> None:
@@ -413,8 +357,8 @@ class Hub:
     def _send_status(self) -> None:
         self._status_timer = None
         session = self.session
-        keys = session.key, session.key_beside
-        if session.particles.unscaled is not self._particles or keys != (self._key, self._key_beside):
+        keys = self._key, self._comparison.key
+        if session.particles.unscaled is not self._particles or keys != (session.key, session.key_beside):
             self._chase = asyncio.ensure_future(self._catch_up())  # changed from Python, not by a page
         now = state.status(session)
         if self._status_sent is None or vars(now) != vars(self._status_sent):
@@ -425,11 +369,6 @@ class Hub:
         self._status_soon(
             _STATUS_PERIOD_S if now.queued or now.baking or now.textures_per_s else _IDLE_PERIOD_S
         )
-
-
-def _beside(page: Page) -> str:
-    """Name under which a page looks at the light that is compared with."""
-    return f"{page.name}, beside"
 
 
 def _same(message: protocol.Message) -> protocol.Message:

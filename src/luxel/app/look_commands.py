@@ -354,7 +354,7 @@ def _ready(
     options: argparse.Namespace, view: View, particles: Particles, size: tuple[int, int] = (16, 9)
 ) -> View:
     """Return the view with its camera, checked; kernels are compiled before anybody waits for light."""
-    view = aim(options, view, particles, size)
+    view = aim(options, view, particles.bounds, size)
     if view.color_by is not None:
         view.scalar_range(particles)
     view.hidden(particles)

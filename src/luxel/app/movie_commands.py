@@ -35,6 +35,9 @@ from luxel.app.talk import Progress, say, say_if_cold, say_if_dark
 from luxel.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from luxel.app.movie import Shot
     from luxel.particles import Particles
     from luxel.scene.saved import SavedView
@@ -96,8 +99,11 @@ def _movie(options: argparse.Namespace) -> None:
     started = time.perf_counter()
     data = _open(options)
     steps = _steps(options, data)
-    particles = data.particles(steps[0])
-    shots = _shots(options, data, steps, _keys(options, data, particles))
+    if len(steps) == 1 and len(data.looks) == 1 and not options.orbit:
+        raise InputError(
+            "nothing moves — give --orbit 360, several --view files, or time steps with --frames"
+        )
+    shots = _shots(options, data, steps, _keys(options, data, steps))
     target = movie_file(options.output, options.size, len(shots), options.fps, _about(options, data, shots))
     missing = target.missing(len(shots))
     if missing:
@@ -198,15 +204,47 @@ def _steps(options: argparse.Namespace, data: _Data) -> list[int]:
     return named
 
 
-def _keys(options: argparse.Namespace, data: _Data, particles: Particles) -> list[View]:
-    """Return the views of the keyframes, with their cameras, checked."""
+def _keys(options: argparse.Namespace, data: _Data, steps: list[int]) -> list[View]:
+    """Return the views of the keyframes, checked, with cameras and colour scales that hold for all time steps."""
+    import numpy as np
+
+    from luxel.scene.camera import Camera
+    from luxel.scene.colormap import RGB
+
+    listed = options.frames is not None
+    shown = sorted(set(steps)) if listed else list(range(min(steps), max(steps) + 1))
+    views = [look.view for look in data.looks]
+    bounds: NDArray[np.float64] | None = None
+    ranges: list[tuple[float, float] | None] = [view.range for view in views]
+    with Progress("reading", "time steps") as bar:
+        for done, step in enumerate(shown):
+            bar(done, len(shown))
+            particles = data.particles(step)
+            low, high = particles.bounds
+            bounds = (
+                np.stack([low, high])
+                if bounds is None
+                else np.stack([np.minimum(bounds[0], low), np.maximum(bounds[1], high)])
+            )
+            for k, view in enumerate(views):
+                view.hidden(particles)
+                if view.color_by is not None:
+                    particles.scalar(view.color_by)  # one that is not there is told now
+                # A single step has the scale that a picture of it has.
+                if view.color_by is None or view.range is not None or view.colormap == RGB:
+                    continue
+                first, last = view.scalar_range(particles)
+                if len(shown) > 1 and not view.categorical(particles):
+                    before = ranges[k] or (first, last)
+                    ranges[k] = min(first, before[0]), max(last, before[1])
+    assert bounds is not None
     keys = []
-    for look in data.looks:
-        view = aim(options, look.view, particles, options.size)
-        if view.color_by is not None:
-            view.scalar_range(particles)
-        view.hidden(particles)
-        keys.append(view.with_changes(camera=view.camera_for(particles, options.size)))
+    for view, ends in zip(views, ranges, strict=True):
+        aimed = aim(options, view.with_changes(range=ends), bounds, options.size)
+        if aimed.camera is None:
+            width, height = options.size
+            aimed = aimed.with_changes(camera=Camera.framing(bounds, up=aimed.up, aspect=width / height))
+        keys.append(aimed)
     return keys
 
 

@@ -20,7 +20,9 @@ from luxel.app.parse import (
 )
 
 if TYPE_CHECKING:
-    from luxel.particles import Particles
+    import numpy as np
+    from numpy.typing import NDArray
+
     from luxel.scene.camera import Camera
     from luxel.scene.hiding import Condition
     from luxel.scene.lights import Light
@@ -348,8 +350,8 @@ def build_view(options: argparse.Namespace, base: View | None = None) -> View:
     return view.with_changes(**changes) if changes else view
 
 
-def aim(options: argparse.Namespace, view: View, particles: Particles, size: tuple[int, int]) -> View:
-    """Return the view with the camera that ``--azimuth``, ``--elevation`` and ``--orthographic`` ask for."""
+def aim(options: argparse.Namespace, view: View, bounds: NDArray[np.float64], size: tuple[int, int]) -> View:
+    """Return the view with the camera that ``--azimuth``, ``--elevation`` and ``--orthographic`` ask for, to see all of `bounds` (2, 3)."""
     from luxel.scene.camera import Camera
 
     if options.azimuth is None and options.elevation is None and not options.orthographic:
@@ -360,6 +362,6 @@ def aim(options: argparse.Namespace, view: View, particles: Particles, size: tup
         if getattr(options, name) is not None
     }
     camera: Camera = Camera.framing(
-        particles.bounds, up=view.up, aspect=size[0] / size[1], orthographic=options.orthographic, **angles
+        bounds, up=view.up, aspect=size[0] / size[1], orthographic=options.orthographic, **angles
     )
     return view.with_changes(camera=camera)

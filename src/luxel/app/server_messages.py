@@ -166,7 +166,7 @@ class Colormap(Message):
 
 @dataclass(frozen=True, eq=False)
 class Tiles(Message):
-    """Luminance textures under the light `key`, which may be the one compared with.
+    """Luminance textures under the light `key`.
 
     Parameters
     ----------
@@ -176,6 +176,8 @@ class Tiles(Message):
         (K, texels, texels) uint8.
     estimate
         (K,) uint8: 1 for those that will be replaced by better ones if the page goes on asking.
+    beside
+        Whether this is the light compared with.
     """
 
     kind: ClassVar[int] = 21

@@ -16,6 +16,7 @@ from luxel.errors import InputError
 from luxel.light.lights import luminance_scale, pack_lights, scene_white
 from luxel.particles import Particles
 from luxel.scene.colormap import colormap_names
+from luxel.scene.hiding import condition_from_json
 from luxel.scene.lights import Light, Sky, Sun, Up, sun_direction, up_frame
 from luxel.scene.saved import Lighting, SavedView
 from luxel.scene.scene import MODELS, Scene
@@ -29,6 +30,7 @@ __all__ = [
     "beside_state",
     "colormap",
     "geometry",
+    "light_changes",
     "light_state",
     "lights_with",
     "particle",
@@ -223,6 +225,28 @@ def status(session: Session) -> protocol.Status:
         textures_per_s=round(float(now.textures_per_s), 1),
         error=None if now.error is None else str(now.error),
     )
+
+
+def light_changes(session: Session, message: protocol.SetLight) -> dict[str, Any]:
+    """Return what :meth:`luxel.Session.relight` is to be given.
+
+    Raises
+    ------
+    InputError
+        For values that make no sense, and if there are none.
+    """
+    changes: dict[str, Any] = {}
+    for name in ("model", "albedo", "radius_scale"):
+        if getattr(message, name) is not None:
+            changes[name] = getattr(message, name)
+    if message.sky is not None or message.sun is not None:
+        up = message.up or view_of(session).up
+        changes["lights"] = lights_with(session.scene.sources, message.sky, message.sun, up)  # type: ignore[arg-type]
+    if message.hide is not None:
+        changes["hide"] = tuple(condition_from_json(each) for each in message.hide)
+    if not changes:
+        raise InputError("a change of light that changes nothing")
+    return changes
 
 
 def lights_with(

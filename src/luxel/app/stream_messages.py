@@ -35,6 +35,7 @@ STREAM_SIDE_MAX = 8192
 STREAM_PIXELS_MAX = 3840 * 2400
 #: Largest width and height of a screenshot.
 SCREENSHOT_SIDE_MAX = 8192
+_CONDITIONS_MAX = 64  # each takes a look at all particles
 
 # From the page ------------------------------------------------------------------------------------------------------
 
@@ -85,9 +86,7 @@ class Stream(PageMessage):
         top, bottom = given.numbers("grading", 2)
         if min(top, bottom) < 0:
             raise ProtocolError("'grading' must be two numbers >= 0")
-        return cls(
-            given.object("view"), width, height, given.truth("moving"), (top, bottom), given.whole("wish")
-        )
+        return cls(_view(given), width, height, given.truth("moving"), (top, bottom), given.whole("wish"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +134,7 @@ class PickAt(PageMessage):
         x, y = given.number("x"), given.number("y")
         if not (0 <= x <= 1 and 0 <= y <= 1):
             raise ProtocolError("'x' and 'y' must lie in 0..1")
-        return cls(given.object("view"), *_stream_size(given), x, y)
+        return cls(_view(given), *_stream_size(given), x, y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +158,7 @@ class TakeScreenshot(PageMessage):
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
         width, height = (given.whole(side, 1, SCREENSHOT_SIDE_MAX) for side in ("width", "height"))
-        return cls(given.object("view"), width, height)
+        return cls(_view(given), width, height)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,6 +179,14 @@ class ConfirmParts(PageMessage):
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
         return cls(given.whole("parts"))
+
+
+def _view(given: Given) -> dict[str, Any]:
+    view = given.object("view")
+    hide = view.get("hide")
+    if isinstance(hide, list) and len(hide) > _CONDITIONS_MAX:
+        raise ProtocolError(f"a view hides by at most {_CONDITIONS_MAX} conditions")
+    return view
 
 
 def _stream_size(given: Given) -> tuple[int, int]:

@@ -72,6 +72,7 @@ export class Notices {
     /** @type {HTMLProgressElement} */
     const progress = app.element("progress");
     progress.value = loaded < count ? loaded / count : visible ? ready / visible : 0;
+    progress.parentElement?.classList.toggle("stale", stale > 0);
     progress.hidden = loaded === count && (lambertian || ready >= visible);
     progress.parentElement?.classList.toggle("stale", stale > 0);
   }
