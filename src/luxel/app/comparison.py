@@ -101,7 +101,9 @@ class Comparison:
             batch = self._session.tiles(ids, key)
             if len(batch.ids):
                 page.beside.estimated(batch.ids, batch.estimate)
-                return protocol.Tiles(key, batch.ids, batch.codes, batch.estimate.astype(np.uint8), beside=True)
+                return protocol.Tiles(
+                    key, batch.ids, batch.codes, batch.estimate.astype(np.uint8), beside=True
+                )
             page.beside.withdraw()  # evicted meanwhile; the page will ask again
         return None
 
