@@ -37,7 +37,7 @@ def shown(
         view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
         Page(viewer.url, (420, 300), browser=browser) as page,
     ):
-        page.wait("!!window.luxel", WAIT_S)
+        page.wait("Boolean(window.luxel)", WAIT_S)
         yield page, session
 
 

@@ -124,6 +124,22 @@ def test_while_it_moves_pictures_are_small_and_about_right(page: Page, viewer: V
     equal(page, viewer)
 
 
+def test_a_page_that_nobody_sees_gets_no_pictures(page: Page, viewer: Viewer) -> None:
+    equal(page, viewer)
+    hide = "Object.defineProperty(document, 'hidden', {value: %s, configurable: true}); document.dispatchEvent(new Event('visibilitychange'))"
+    page.run(hide % "true")
+    assert page.run("luxel.synced()")
+    before = page.run("luxel.remote().shown.frame")
+    key = viewer.session.relight(model="lambertian")
+    page.wait("luxel.state().key", WAIT_S, lambda now: now == key)
+    page.run("luxel.setCamera({...luxel.camera(), fov: 25})")
+    for _ in range(3):
+        assert page.run("luxel.synced()")
+    assert page.run("luxel.remote().shown.frame") == before
+    page.run(hide % "false")
+    equal(page, viewer)
+
+
 def test_picking_asks_the_server(page: Page, viewer: Viewer) -> None:
     equal(page, viewer)
     camera = luxel.Camera(**page.run("luxel.camera()"))
