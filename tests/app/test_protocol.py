@@ -69,7 +69,7 @@ FROM_SERVER = [
         count=np.array([3], np.uint16),
         center=np.array([[-1]], np.int8),
     ),
-    protocol.StreamedFrame(3, 7, "ab12", 48, 32, np.arange(5, dtype=np.uint8), True, 9, False, 7, 6, 1),
+    protocol.StreamedFrame(3, 7, "ab12", 48, 32, np.arange(5, dtype=np.uint8), True, 9, False, 7, 4, 1, 2),
     protocol.Picked(1, 7, (0.5, -0.5, 0.25), 0.125),
     protocol.ScreenshotState(1, 9),
     protocol.ScreenshotPart(0, 7, np.arange(7, dtype=np.uint8)),

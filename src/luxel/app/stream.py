@@ -223,11 +223,13 @@ class PageStream:
             frame.visible,
             frame.ready,
             frame.dim,
+            frame.stale,
         )
 
     def _words(self, frame: Frame) -> tuple[object, ...]:
         """Return what a message says of a frame beside its picture."""
-        return self._wish, self._key, frame.rays, frame.final, frame.visible, frame.ready, frame.dim
+        lit = frame.visible, frame.ready, frame.dim, frame.stale
+        return self._wish, self._key, frame.rays, frame.final, *lit
 
     def _reduced(self, wish: Stream) -> tuple[int, int]:
         """Return a size that can be drawn quickly."""

@@ -219,8 +219,8 @@ class StreamedFrame(Message):
         Rays a pixel.
     final
         The next picture would be the same: the view rests, and no better light will come.
-    visible, ready, coarse
-        Particles in sight, and how many of them show a texture, and first light.
+    visible, ready, coarse, stale
+        Particles in sight, and how many of them show a texture, first light, and a texture of the light before.
     """
 
     kind: ClassVar[int] = 80
@@ -236,6 +236,7 @@ class StreamedFrame(Message):
     visible: int
     ready: int
     coarse: int
+    stale: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,6 +74,7 @@ export class Notices {
     progress.value = loaded < count ? loaded / count : visible ? ready / visible : 0;
     progress.parentElement?.classList.toggle("stale", stale > 0);
     progress.hidden = loaded === count && (lambertian || ready >= visible);
+    progress.parentElement?.classList.toggle("stale", stale > 0);
   }
 
   /** Say what is wrong, or that it no longer is. @param {string} cause @param {string | null} text @param {boolean} [passing] goes away by itself */

@@ -50,7 +50,7 @@ export class Remote {
   /** A new connection: it has been asked for nothing. */
   connected() {
     this.wish = "";
-    this.shown = null;
+    this.shown = this.picture = null;
   }
 
   /** Another data set. @param {any} scene */
@@ -172,8 +172,8 @@ export class Remote {
 
   /** What the picture shows. */
   get counts() {
-    const { visible = 0, ready = 0, coarse = 0 } = this.shown ?? {};
-    return { visible, ready, estimates: 0, coarse, stale: 0 };
+    const { visible = 0, ready = 0, coarse = 0, stale = 0 } = this.shown ?? {};
+    return { visible, ready, estimates: 0, coarse, stale };
   }
 
   /** Ask which particle is at a point of the picture. @param {number} x fraction from the left @param {number} y from the top */
