@@ -50,7 +50,7 @@ def crack() -> None:
 def models() -> None:
     """The demo, close, under each of the four models."""
     view = demo_view()
-    camera = luxel.Camera(eye=(-0.623, -0.912, 1.239), target=(0.47, 0.45, 0.47), fov=7.0)
+    camera = luxel.Camera(eye=(-0.623, -0.912, 1.239), target=(0.56, 0.50, 0.50), fov=8.0)
     for model in ("lambertian", "shadows", "ao", "interreflection"):
         scene = luxel.Scene(demo_particles(), model=model)
         image = luxel.render(scene, view.with_changes(camera=camera), size=SIZE, samples=9, colorbar=False)
@@ -60,8 +60,7 @@ def models() -> None:
 def cuts() -> None:
     """A cut that keeps the light of what it removes, and one that lets light fall in."""
     particles = cracked_block()
-    low, high = particles.bounds
-    camera = luxel.Camera.framing((low, high), azimuth=-65, elevation=28, aspect=SIZE[0] / SIZE[1])
+    camera = luxel.Camera((14, -52, 52), (36, 40, 11), fov=36)
     cut = luxel.Cut.parse("y<28")
     kept = luxel.View(camera=camera, color_by="depth", colormap="viridis", hide=cut)
     _save(luxel.render(luxel.Scene(particles), kept, size=SIZE, samples=9), "cut-keeps")
