@@ -245,6 +245,18 @@ def test_old_light_goes_when_no_new_one_comes(caplog):
         assert (last.ready, last.stale) == (0, 0)
 
 
+def test_old_light_is_not_shown_under_a_model_without_textures():
+    with (
+        fake_session() as session,
+        Frames(session, size=SIZE, threads=1, antialias=1, bake_budget_s=1.0) as frames,
+    ):
+        list(frames)
+        session.relight(model="lambertian")
+        assert frames.draw().stale == 0
+        *_, last = frames
+        assert (last.ready, last.stale) == (0, 0)
+
+
 def test_old_light_of_other_particles_is_not_shown():
     with (
         fake_session([cloud(80), cloud(80, seed=2)]) as session,

@@ -416,7 +416,8 @@ class Frames:
         key, particles = self._lit_by
         if key != source.key:
             ready, _, stale = self._lit
-            if scene.particles is not particles or self.shading != "textures":
+            textured = self.shading == "textures" and scene.model != "lambertian"
+            if scene.particles is not particles or not textured:
                 self._before = ""
             elif ready >= stale:  # else the light before that still shows more
                 self._before = key
