@@ -108,6 +108,7 @@ def test_a_lost_graphics_context_brings_picture_and_textures_back(
 ) -> None:
     page, _ = pages
     lit(page, viewer)
+    settle(page, fully=True)  # nothing is left to ask for
     picture, before = capture(page), page.run("luxel.state()")
     page.run(
         "window.lose = luxel.app.drawing.renderer.gl.getExtension('WEBGL_lose_context'), lose.loseContext()"

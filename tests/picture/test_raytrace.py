@@ -83,7 +83,7 @@ def test_textures_of_other_particles_are_refused():
 
 
 @pytest.mark.parametrize(
-    "bad", [{"size": (0, 5)}, {"size": "x"}, {"size": (10**6, 10**6)}, {"light": "sun"}, {"samples": 5}, {"antialias": 0},
+    "bad", [{"size": (0, 5)}, {"size": "x"}, {"size": (10**6, 10**6)}, {"light": "sun"}, {"samples": 0}, {"samples": 5, "mode": "paper"}, {"antialias": 0},
             {"seed": -1}, {"light": "pixel", "seed": -1}, {"light": "pixel", "seed": 2**64}, {"light": "pixel", "samples": 0}, {"mode": "quick"}],
 )  # fmt: skip
 def test_bad_options(bad):

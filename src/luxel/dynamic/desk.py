@@ -59,6 +59,10 @@ class Piece:
     alone: bool = False
 
 
+# Fewer are not worth a piece of work of their own: every fourth goes to those who have waited longest, and new ones would wait for many.
+_LEAST = {Kind.FIRST_LIGHT: 32}
+
+
 class Desk:
     """Takes in sightings and hands out pieces of work, for the particles of one shard and one light key.
 
@@ -166,7 +170,7 @@ class Desk:
                     return Piece(kind, light, np.array([particle], np.int32), alone=True)
                 self._again.append((tried, particle))
             queue = self._queues[kind]
-            count = min(most, max(1, -(-len(queue) // threads)))
+            count = min(most, max(_LEAST.get(kind, 1), -(-len(queue) // threads)))
             if kind is Kind.REFINEMENT:
                 count = min(count, self._spare())
             # What another client or a frame has overtaken is not in the queued state any more.

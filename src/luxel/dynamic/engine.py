@@ -456,6 +456,8 @@ class Engine:
         with self._lock:
             if key in self._building or self._workshops.get(key) is not None:
                 return None
+            if self._attempts[key, 0] >= _MAX_ATTEMPTS:  # given up since it was looked who waits
+                return None
             self._building.add(key)
         return functools.partial(self._build, lit)
 
@@ -482,9 +484,9 @@ class Engine:
             bakers = lit.make()
         except Exception as error:
             log.exception("no baker for light key %s", key)
-            with self._lock:
-                self._building.discard(key)
             self._baker_failed(lit.light, 0, tuple(Kind), error)
+            with self._lock:  # only now: another thread would try before this failure counts
+                self._building.discard(key)
         else:
             with self._lock:
                 self._building.discard(key)

@@ -131,7 +131,7 @@ def render(
         _draw_pixels(world, seen, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
     else:
         spec = TextureSpec(
-            samples=DEFAULT_SAMPLES[mode] if samples is None else samples,
+            samples=DEFAULT_SAMPLES.get(mode, 1) if samples is None else samples,
             mode=mode,
             seed=seed,
             mapping=mapping,
