@@ -167,6 +167,7 @@ export class Study {
   /** The server has taken on a view. */
   viewTaken() {
     this.loaded = true;
+    requestAnimationFrame(() => this.tick()); // where the server draws, and this is what it has drawn already, no picture comes
   }
 
   /** Something went wrong. */
