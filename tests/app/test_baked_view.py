@@ -73,7 +73,7 @@ def test_page_decodes_as_the_ray_tracer_does(
         # The server was asked for nothing, so it has computed nothing.
         status = session.status()
         assert (status.ready, status.queued, status.baking) == (0, 0, 0)
-        assert page.run("document.getElementById('counts').textContent").find("baked light") > 0
+        page.wait("document.getElementById('counts').textContent", WAIT_S, lambda text: "baked light" in text)
         assert [text for text in page.messages if "performance warning" not in text] == []
 
 

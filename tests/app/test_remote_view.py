@@ -82,7 +82,9 @@ def test_picture_is_the_ray_tracers_whatever_is_changed(page: Page, viewer: View
     state = page.run("luxel.state()")
     assert (state["loaded"], state["particles"]) == (0, 300)
     assert state["ready"] == state["visible"] > 50
-    assert "drawn by the server" in page.run("document.getElementById('counts').textContent")
+    page.wait(
+        "document.getElementById('counts').textContent", WAIT_S, lambda text: "drawn by the server" in text
+    )
     choose(page, "colormap", "magma")
     page.run("luxel.setCamera({...luxel.camera(), fov: 25})")
     choose(page, "exposure", "1", "input")

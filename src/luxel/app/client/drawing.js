@@ -110,6 +110,7 @@ export class Drawing {
     app.player.tick();
     app.study.tick();
     if (more) this.schedule();
+    else app.notices.show(); // what is told at rest is the last word
   }
 
   /** Rather show the last time step a little longer than half of the next. */
