@@ -25,7 +25,7 @@ from luxel.session import Session
 from luxel.textures.spec import TextureSpec
 from luxel.trace.spheres import SphereSet
 from tests.app.chromium import Page
-from tests.app.test_server import Client
+from tests.app.socket_client import Client
 
 Row = dict[str, Any]
 _PATIENCE_S = 120.0

@@ -11,10 +11,11 @@ import pytest
 from PIL import Image as Pillow
 
 import luxel
-from luxel.app import bake_commands, cli
+from luxel.app import bake_commands
 from luxel.app.parse import frame_range
 from luxel.app.report import bytes_text, time_text
 from luxel.textures.store.files import lock
+from tests.app.command_line import run
 from tests.textures.stores import hashes
 
 COUNT = 40
@@ -44,10 +45,6 @@ def store(file, tmp_path, capsys):
     assert run("bake", file, "-o", path, *QUICK, "--sky", "0.8", "--up", "y") == 0
     capsys.readouterr()
     return path
-
-
-def run(*arguments):
-    return cli.main([str(argument) for argument in arguments])
 
 
 def refused(capsys, *arguments):

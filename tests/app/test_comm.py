@@ -17,7 +17,7 @@ from luxel.app.limits import PAGES_MAX
 from luxel.errors import InputError, MissingExtraError
 from luxel.session import Session
 from luxel.textures.spec import TextureSpec
-from tests.app.test_server import InstantBaker
+from tests.app.socket_client import InstantBaker
 from tests.scenes import cloud
 
 COUNT = 60

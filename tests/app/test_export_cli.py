@@ -5,14 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from luxel.app import cli
+from tests.app.command_line import run
 
 COUNT = 60
 QUICK = ("--samples", "1", "--mode", "paper", "--threads", "1")
-
-
-def run(*arguments: object) -> int:
-    return cli.main([str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ from luxel.errors import ProtocolError
 from luxel.scene.lights import Sky, Sun, sun_direction
 from luxel.session import Session
 from luxel.textures.spec import TextureSpec
+from tests.app.socket_client import InstantBaker
 from tests.app.test_protocol import FROM_PAGE
-from tests.app.test_server import InstantBaker
 from tests.scenes import cloud
 
 COUNT = 40

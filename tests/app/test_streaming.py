@@ -17,7 +17,7 @@ from luxel.app.viewer import Viewer, view
 from luxel.session import Session
 from luxel.textures.spec import TextureSpec
 from luxel.trace.spheres import SphereSet
-from tests.app.test_server import Client
+from tests.app.socket_client import Client
 from tests.scenes import cloud
 
 pytestmark = pytest.mark.usefixtures("warm")
