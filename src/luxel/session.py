@@ -17,7 +17,7 @@ from luxel.dynamic.budget import BudgetDriver
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.engine import Engine
 from luxel.dynamic.entries import ESTIMATE
-from luxel.dynamic.sightings import Ids
+from luxel.dynamic.look import Look
 from luxel.dynamic.work import Bakers, CoarseBatch, CoarseListener, Listener, TileBaker, TileBatch
 from luxel.errors import FormatError, FrameError, InputError, SessionClosedError
 from luxel.light.lights import luminance_scale
@@ -291,18 +291,10 @@ class Session:
         width = None if pixels is None else np.array(pixels, dtype=np.float32)
         if width is not None and width.shape != visible.shape:
             raise InputError(f"pixels must have shape {visible.shape} as ids have, got {width.shape}")
-        if (visible[1:] > visible[:-1]).all():
-            visible = visible.copy()  # the caller may fill its own anew for the next frame
-        else:
-            order = np.argsort(visible, kind="stable")
-            visible = visible[order]
-            order = order[np.concatenate([[True], visible[1:] > visible[:-1]])]
-            visible = visible[np.concatenate([[True], visible[1:] > visible[:-1]])]
-            width = None if width is None else width[order]
         spheres = SphereSet.of(lit.scene.particles)
         at = spheres.to_unit(as_vector(eye, "eye"))
-        look = _Look(spheres, at, lit.diagonal, visible, width)
-        if engine.request(lit.key, visible, look, client) and self._driver is not None:
+        look = Look.at(spheres, at, lit.diagonal, visible, width)
+        if engine.request(lit.key, look.visible, look, client) and self._driver is not None:
             self._driver.wake()
 
     def tiles(self, ids: ArrayLike, key: str | None = None) -> TileBatch:
@@ -577,24 +569,6 @@ class Session:
             return Bakers(StoredBaker(self._baked[frame]))
         baker = self._make_baker(scene, self.spec)
         return Bakers(baker, EstimateBaker(baker) if self._estimates and isinstance(baker, Baker) else None)
-
-
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """Measures how far and how large particles are; a :data:`luxel.dynamic.sightings.Measure`."""
-
-    spheres: SphereSet
-    eye: NDArray[np.float64]  # normalised units
-    diagonal: float
-    visible: Ids  # ascending
-    pixels: NDArray[np.float32] | None  # beside `visible`
-
-    def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], NDArray[np.floating] | None]:
-        away = self.spheres.centers.take(ids, axis=0) - self.eye
-        distance = np.sqrt((away * away).sum(axis=1)) / self.diagonal
-        if self.pixels is None:
-            return distance, None
-        return distance, self.pixels[np.searchsorted(self.visible, ids)]
 
 
 class SessionTextures:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import atexit
 import logging
 import threading
 import time
 from collections.abc import Callable
+
+from luxel.dynamic.threads import end_threads, start_threads
 
 __all__ = ["BudgetDriver", "pause_after"]
 
@@ -14,7 +15,6 @@ log = logging.getLogger(__name__)
 
 _FRAME_S = 1 / 30
 _LEAST_PAUSE_S = 0.002  # so that whoever draws gets its turn, however long the budget
-_CLOSE_TIMEOUT_S = 5.0
 
 
 def pause_after(took_s: float) -> float:
@@ -62,12 +62,7 @@ class BudgetDriver:
             threads, self._threads = self._threads, []
         for event in self._work:
             event.set()
-        atexit.unregister(self.close)
-        for thread in threads:
-            if thread is not threading.current_thread():
-                thread.join(_CLOSE_TIMEOUT_S)
-                if thread.is_alive():
-                    log.warning("%s is still busy and ends on its own", thread.name)
+        end_threads(threads, self.close)
 
     def _start(self) -> None:
         with self._lock:
@@ -77,10 +72,7 @@ class BudgetDriver:
                 threading.Thread(target=self._work_on, args=(event,), name=f"luxel-frame-{k}", daemon=True)
                 for k, event in enumerate(self._work)
             ]
-            # Daemons that compile or bake while the interpreter goes away would crash it.
-            atexit.register(self.close)
-            for thread in self._threads:
-                thread.start()
+            start_threads(self._threads, self.close)
 
     def _work_on(self, work: threading.Event) -> None:
         while True:

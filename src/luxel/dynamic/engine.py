@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import functools
 import logging
@@ -24,6 +23,7 @@ from luxel.dynamic.entries import ESTIMATE, NONE, Entries
 from luxel.dynamic.pace import Pace, Rate
 from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
 from luxel.dynamic.sightings import Ids, Measure, Sighting
+from luxel.dynamic.threads import end_threads, start_threads
 from luxel.dynamic.work import (
     CoarseBatch,
     CoarseListener,
@@ -47,7 +47,6 @@ _PATIENCE_S = 2.0
 _OLDEST_EVERY = 4  # of so many pieces of work, one goes to the requests that have waited longest
 _MAX_ATTEMPTS = 2  # to make or to prepare a baker
 _MAX_FAILURES = 16  # single particles in a row; then a kind of work is given up
-_CLOSE_TIMEOUT_S = 5.0
 _TEXTURES = (Kind.FIRST_TEXTURE, Kind.REFINEMENT)
 
 
@@ -308,12 +307,7 @@ class Engine:
             threads, self._threads = self._threads, []
         for _ in threads:
             self._bell.put(None)
-        atexit.unregister(self.close)
-        for thread in threads:
-            if thread is not threading.current_thread():
-                thread.join(_CLOSE_TIMEOUT_S)
-                if thread.is_alive():
-                    log.warning("%s is still busy and ends on its own", thread.name)
+        end_threads(threads, self.close)
 
     def _check_open(self) -> None:
         if self._closed:
@@ -332,10 +326,7 @@ class Engine:
                 threading.Thread(target=self._worker, name=f"luxel-bake-{number}", daemon=True)
                 for number in range(self.thread_count)
             ]
-            # Daemons that compile or bake while the interpreter goes away would crash it.
-            atexit.register(self.close)
-            for thread in self._threads:
-                thread.start()
+            start_threads(self._threads, self.close)
 
     def _worker(self) -> None:
         if sys.platform == "linux":

@@ -1,0 +1,64 @@
+"""Look: how far and how large the particles are that a client sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from luxel.dynamic.sightings import Ids
+from luxel.trace.spheres import SphereSet
+
+__all__ = ["Look"]
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Measures particles as one client sees them; a :data:`luxel.dynamic.sightings.Measure`.
+
+    Parameters
+    ----------
+    spheres
+        All particles.
+    eye
+        (3,) in normalised units.
+    diagonal
+        Of the scene, in normalised units.
+    visible
+        (K,) ids, ascending, each once.
+    pixels
+        (K,) how wide they are on the screen, beside `visible`; None if nobody knows.
+    """
+
+    spheres: SphereSet
+    eye: NDArray[np.float64]
+    diagonal: float
+    visible: Ids
+    pixels: NDArray[np.float32] | None
+
+    @classmethod
+    def at(
+        cls,
+        spheres: SphereSet,
+        eye: NDArray[np.float64],
+        diagonal: float,
+        ids: Ids,
+        pixels: NDArray[np.float32] | None,
+    ) -> Look:
+        """Make a look of ids in any order, with repetitions; `ids` may change afterwards."""
+        rises = ids[1:] > ids[:-1]
+        if rises.all():
+            return cls(spheres, eye, diagonal, ids.copy(), pixels)
+        order = np.argsort(ids, kind="stable")
+        ids = ids[order]
+        first = np.concatenate([[True], ids[1:] > ids[:-1]])
+        return cls(spheres, eye, diagonal, ids[first], None if pixels is None else pixels[order[first]])
+
+    def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], NDArray[np.floating] | None]:
+        """Return (K,) distances from the eye in diagonals, and (K,) widths in pixels, of some of the visible particles."""
+        away = self.spheres.centers.take(ids, axis=0) - self.eye
+        distance = np.sqrt((away * away).sum(axis=1)) / self.diagonal
+        if self.pixels is None:
+            return distance, None
+        return distance, self.pixels[np.searchsorted(self.visible, ids)]
