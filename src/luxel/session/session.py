@@ -10,7 +10,7 @@ from types import EllipsisType, TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from luxel.arrays import as_ids, as_vector
 from luxel.dynamic.budget import BudgetDriver
@@ -27,6 +27,8 @@ from luxel.scene.lights import Light
 from luxel.scene.periodic import parse_axes
 from luxel.scene.saved import Lighting
 from luxel.scene.scene import Model, Scene
+from luxel.session.status import Status
+from luxel.session.textures import SessionTextures
 from luxel.textures.bake import Baker
 from luxel.textures.estimate import EstimateBaker
 from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec, light_key
@@ -40,49 +42,9 @@ if TYPE_CHECKING:
     from luxel.io import Series
     from luxel.scene.view import View
 
-__all__ = ["Session", "SessionTextures", "Status"]
+__all__ = ["MakeBaker", "Session"]
 
 MakeBaker = Callable[[Scene, TextureSpec], TileBaker]
-
-
-@dataclass(frozen=True)
-class Status:
-    """What a session is doing, for status lines.
-
-    Parameters
-    ----------
-    key
-        The current light key.
-    particles
-        Particles in the frame.
-    ready, queued, baking, failed
-        How many of them have a texture, wait for one, are being baked, or were given up after errors.
-    refining
-        How many of those that are ready have an estimate and wait for something better.
-    evicted
-        Textures of any light key given up for room since the session began.
-    textures_per_s
-        Over the last few seconds.
-    over_budget
-        Visible particles that stay without texture because the cache is full of visible ones.
-    clipped
-        Texels brighter than the scale since the session began.
-    error
-        What went wrong last, in words.
-    """
-
-    key: str
-    particles: int
-    ready: int = 0
-    queued: int = 0
-    baking: int = 0
-    failed: int = 0
-    refining: int = 0
-    evicted: int = 0
-    textures_per_s: float = 0.0
-    over_budget: int = 0
-    clipped: int = 0
-    error: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,6 +258,15 @@ class Session:
         look = Look.at(spheres, at, lit.diagonal, visible, width)
         if engine.request(lit.key, look.visible, look, client) and self._driver is not None:
             self._driver.wake()
+
+    def snapshot(self, key: str) -> TextureTable:
+        """Return a consistent table for one frame; empty where the session knows nothing of `key`."""
+        table = self._cache.snapshot(key)
+        if table is not None:
+            return table
+        nothing = np.empty((0, self.spec.texels, self.spec.texels), dtype=np.uint8)
+        slot = np.full(len(self.particles), -1, dtype=np.int32)
+        return TextureTable(slot, nothing, decoding_table(self.scale, self.encoding), self.spec.mapping)
 
     def tiles(self, ids: ArrayLike, key: str | None = None) -> TileBatch:
         """Return the finished textures among `ids`, under the current light key or another that is still cached."""
@@ -569,42 +540,6 @@ class Session:
             return Bakers(StoredBaker(self._baked[frame]))
         baker = self._make_baker(scene, self.spec)
         return Bakers(baker, EstimateBaker(baker) if self._estimates and isinstance(baker, Baker) else None)
-
-
-class SessionTextures:
-    """A session's textures as renderers see them; a :class:`luxel.textures.textures.TextureSource`.
-
-    Parameters
-    ----------
-    session
-        Whose textures.
-    client
-        The name under which sightings of this renderer are noted.
-    """
-
-    def __init__(self, session: Session, client: str = "renderer") -> None:
-        self._session = session
-        self._client = client
-
-    @property
-    def key(self) -> str:
-        """The session's current light key."""
-        return self._session.key
-
-    def snapshot(self, key: str) -> TextureTable:
-        """Return a consistent table for one frame; empty where the session knows nothing of `key`."""
-        session = self._session
-        table = session._cache.snapshot(key)
-        if table is not None:
-            return table
-        nothing = np.empty((0, session.spec.texels, session.spec.texels), dtype=np.uint8)
-        slot = np.full(len(session.particles), -1, dtype=np.int32)
-        decoding = decoding_table(session.scale, session.encoding)
-        return TextureTable(slot, nothing, decoding, session.spec.mapping)
-
-    def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
-        """Note which particles were seen, (K,) int32, and from where, (3,) file units."""
-        self._session.sighted(ids, eye, self._client)
 
 
 def _first_frame(series: Sequence[Particles]) -> int:
