@@ -15,7 +15,7 @@ from benchmarks.scenes import plate_camera
 from luxel.light.fast import in_batches
 from luxel.picture.raytrace import render, visible_ids
 from luxel.textures.bake import Baker, bake_with
-from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
+from luxel.textures.spec import TextureSpec
 from luxel.trace.tree import thread_count
 
 _VIEWS = 5
@@ -61,7 +61,7 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
     )
 
     start = perf_counter()
-    baker = Baker(scene, TextureSpec(mode="fast", samples=DEFAULT_SAMPLES["fast"]))
+    baker = Baker(scene, TextureSpec.usual())
     baker.prepare()
     prepare_s = perf_counter() - start
     everyone = np.random.default_rng(0).permutation(len(data.particles)).astype(np.int32)

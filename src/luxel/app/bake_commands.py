@@ -279,11 +279,10 @@ def _light(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _spec(options: argparse.Namespace) -> TextureSpec:
-    from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
+    from luxel.textures.spec import TextureSpec
 
     fill_light(options)
-    samples = DEFAULT_SAMPLES[options.mode] if options.samples is None else options.samples
-    return TextureSpec(samples=samples, mode=options.mode, seed=options.seed, mapping=options.mapping)
+    return TextureSpec.usual(options.mode, options.samples, seed=options.seed, mapping=options.mapping)
 
 
 def _codec(options: argparse.Namespace) -> CodecChoice:

@@ -364,10 +364,9 @@ def _ready(
 
 def texture_spec(options: argparse.Namespace) -> TextureSpec:
     """Return how textures are to be made."""
-    from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
+    from luxel.textures.spec import TextureSpec
 
-    samples = DEFAULT_SAMPLES[options.mode] if options.samples is None else options.samples
-    return TextureSpec(samples=samples, mode=options.mode, seed=options.seed, mapping=options.mapping)
+    return TextureSpec.usual(options.mode, options.samples, seed=options.seed, mapping=options.mapping)
 
 
 COMMANDS = (

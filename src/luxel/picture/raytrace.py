@@ -34,7 +34,7 @@ from luxel.scene.from_arrays import looked_at
 from luxel.scene.scene import Scene
 from luxel.scene.view import View
 from luxel.textures.bake import Baker, bake_with
-from luxel.textures.spec import DEFAULT_SAMPLES, Mode, TextureSpec, light_key
+from luxel.textures.spec import Mode, TextureSpec, light_key
 from luxel.textures.textures import TextureSource, TextureTable
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import run_parts, thread_count
@@ -130,9 +130,9 @@ def render(
             raise InputError(f"samples must be at least 1, got {samples}")
         _draw_pixels(world, seen, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
     else:
-        spec = TextureSpec(
-            samples=DEFAULT_SAMPLES.get(mode, 1) if samples is None else samples,
-            mode=mode,
+        spec = TextureSpec.usual(
+            mode,
+            samples,
             seed=seed,
             mapping=mapping,
         )

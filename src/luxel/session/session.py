@@ -31,7 +31,7 @@ from luxel.session.status import Status
 from luxel.session.textures import SessionTextures
 from luxel.textures.bake import Baker
 from luxel.textures.estimate import EstimateBaker
-from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec, light_key
+from luxel.textures.spec import TextureSpec, light_key
 from luxel.textures.store.reader import Baked, BakedFrame
 from luxel.textures.store.source import StoredBaker
 from luxel.textures.textures import Encoding, TextureTable, decoding_table
@@ -139,7 +139,7 @@ class Session:
         self._baked = series if isinstance(series, Baked) else None
         if self._baked is not None:
             spec = self._baked.spec
-        self.spec = TextureSpec(mode="fast", samples=DEFAULT_SAMPLES["fast"]) if spec is None else spec
+        self.spec = TextureSpec.usual() if spec is None else spec
         self.view = view
         count = 0 if threads == 0 else thread_count(threads)
         if not 0 <= bake_budget_s <= 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from luxel.errors import InputError
 from luxel.light.mapping import Mapping, mapping_code
@@ -69,6 +69,13 @@ class TextureSpec:
         if self.max_bounces is not None and self.max_bounces < 0:
             raise InputError(f"max_bounces must be >= 0, got {self.max_bounces}")
         mapping_code(self.mapping)
+
+    @classmethod
+    def usual(cls, mode: Mode = "fast", samples: int | None = None, **others: Any) -> TextureSpec:
+        """Return a spec with the usual number of samples of its mode, where None are given."""
+        if samples is None:
+            samples = DEFAULT_SAMPLES.get(mode, 1)  # an unknown mode is refused in one place
+        return cls(mode=mode, samples=samples, **others)
 
     @property
     def encoding(self) -> Literal["linear", "sqrt"]:

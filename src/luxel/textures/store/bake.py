@@ -17,7 +17,7 @@ from luxel.particles import Particles
 from luxel.scene.lights import Light, Up
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker, bake_with
-from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
+from luxel.textures.spec import TextureSpec
 from luxel.textures.store.arrays import write_group
 from luxel.textures.store.files import LOCK_NAME, lock, remove_drafts, remove_tree
 from luxel.textures.store.layout import FORMAT, VERSION, BakeSettings, CodecChoice, differences
@@ -90,7 +90,7 @@ def bake_to(
     StorageError
         If the disk is full, or another process bakes into this store.
     """
-    spec = TextureSpec(samples=DEFAULT_SAMPLES["fast"], mode="fast") if spec is None else spec
+    spec = TextureSpec.usual() if spec is None else spec
     choice = CodecChoice(codec) if isinstance(codec, str) else codec
     series: Sequence[Particles]
     chosen: tuple[int, ...]

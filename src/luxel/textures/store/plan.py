@@ -13,7 +13,7 @@ from luxel.particles import Particles
 from luxel.scene.lights import Light
 from luxel.scene.scene import Model, Scene
 from luxel.textures.bake import Baker, bake_with
-from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
+from luxel.textures.spec import TextureSpec
 from luxel.textures.store.bake import chosen_frames
 
 __all__ = ["Plan", "plan_bake"]
@@ -91,7 +91,7 @@ def plan_bake(
     Plan
         Particles are sampled evenly over the whole frame, always the same ones.
     """
-    spec = TextureSpec(samples=DEFAULT_SAMPLES["fast"], mode="fast") if spec is None else spec
+    spec = TextureSpec.usual() if spec is None else spec
     counts: list[int | None]
     if isinstance(target, Scene):
         scene, counts = target, [len(target.particles)]
