@@ -33,6 +33,7 @@ def main() -> None:
     parser.add_argument("--size", type=_size, default=(1920, 1080), metavar="WxH")
     parser.add_argument("--write", type=Path, metavar="FILE", help="prepare only")
     parser.add_argument("--read", type=Path, metavar="FILE", help="play what --write has written")
+    parser.add_argument("--frames", type=int, default=60, help="a row, at most 60: fewer for slow drivers")
     parser.add_argument("--device", type=int, help="number of the EGL device")
     parser.add_argument(
         "--picture", type=Path, metavar="PREFIX.png", help="save the first picture of each row"
@@ -46,7 +47,7 @@ def main() -> None:
 
             prepare(path, options.particles, options.size)
         if options.write is None:
-            _report(play(path, options.device, options.picture), options.json)
+            _report(play(path, options.frames, options.device, options.picture), options.json)
 
 
 def _report(rows: Iterable[Row], as_json: bool) -> None:

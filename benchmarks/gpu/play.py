@@ -182,13 +182,15 @@ class Player:
         return step
 
 
-def play(path: Path, device: int | None = None, picture: Path | None = None) -> Iterator[Row]:
+def play(path: Path, frames: int, device: int | None = None, picture: Path | None = None) -> Iterator[Row]:
     """Play a file of `prepare`; yield a row for each way to draw spheres and each representation of light.
 
     A row says under "trouble" what is wrong, if anything is: errors of OpenGL, or pictures that are not the ray tracer's.
 
     Parameters
     ----------
+    frames
+        How many are timed, of the orbit's sixty.
     picture
         Where to save what is seen first, one PNG a row: its stem is the prefix of their names. None saves nothing.
     """
@@ -212,7 +214,9 @@ def play(path: Path, device: int | None = None, picture: Path | None = None) -> 
                 _save(picture.with_name(f"{picture.stem}-{way}-{part['name']}.png"), pixels)
             truth = file[f"picture {_SAME.get(part['name'], part['name'])}"]
             same, levels = _compare(pixels, ids, truth, file["ids"])
-            seconds = _timed(gl, [[player.prepared(call) for call in frame] for frame in part["frames"]])
+            seconds = _timed(
+                gl, [[player.prepared(call) for call in frame] for frame in part["frames"][:frames]]
+            )
             middle = statistics.median(seconds)
             yield {
                 "drawn by": gl.renderer,
