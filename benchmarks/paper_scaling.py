@@ -216,10 +216,9 @@ def _efficiencies(picture: str, count: int, rates: list[float], single: list[flo
     }
     missed = []
     for name, (rate, ideal) in found.items():
-        if rate:
-            row[f"{name}/s"], row[name] = rate, rate / ideal
-            if rate / ideal < _TARGET:
-                missed.append(name)
+        row[f"{name}/s"], row[name] = (rate, rate / ideal) if rate else ("", "")
+        if rate and rate / ideal < _TARGET:
+            missed.append(name)
     row["target"] = f">= {_TARGET}: " + ("met" if not missed else "missed by " + ", ".join(missed))
     return row
 
