@@ -34,10 +34,7 @@ def _sees_light(world, work, near, known, site, sun_table, suns, values, light, 
     light2[:] = _ZERO
     seen[:] = 0
     sunlight(world, work, near, known, site, sun_table, suns, light, light2, seen)
-    for cell in range(light.shape[0]):
-        if light[cell] > 0:
-            return True
-    return False
+    return light.max() > 0
 
 
 @kernel
