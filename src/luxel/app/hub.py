@@ -201,6 +201,7 @@ class Hub:
                 await self._catch_up()
                 if begins:
                     self._comparison.introduce(page)
+                self._streaming.news()
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
             case protocol.DrawBy():
