@@ -35,7 +35,7 @@ def _sees_light(world, work, near, known, site, sun_table, suns, values, light, 
     seen[:] = 0
     sunlight(world, work, near, known, site, sun_table, suns, light, light2, seen)
     # Not `light.max()`: kernels without reference counts cannot compile it, unless another has before them.
-    for cell in range(light.shape[0]):
+    for cell in range(light.shape[0]):  # noqa: SIM110
         if light[cell] > 0:
             return True
     return False
