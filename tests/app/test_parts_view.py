@@ -61,9 +61,22 @@ def viewer(particles: luxel.Particles) -> Iterator[Viewer]:
 @pytest.fixture
 def page(viewer: Viewer, browser: Browser) -> Iterator[Page]:
     with Page(viewer.url, WINDOW, browser=browser) as opened:
-        opened.wait("window.luxel && document.getElementById('fold').click() === undefined", WAIT_S)
+        begin(opened)
         yield opened
         assert not opened.messages
+
+
+def begin(page: Page) -> None:
+    """Wait for the page, and let it find its frames fast, whatever else this machine does."""
+    page.wait(
+        "window.luxel && luxel.app.scene && document.getElementById('fold').click() === undefined", WAIT_S
+    )
+    page.run("""(() => {
+      const { drawing } = luxel.app;
+      window.wholeMs = 1;
+      Object.defineProperty(drawing.renderer, "whole", { get: () => ({ count: drawing.renderer.loaded, ms: wholeMs }), set() {} });
+      drawing.lightChanged();
+    })()""")
 
 
 def arrived(page: Page, loaded: int) -> dict[str, object]:
@@ -119,11 +132,7 @@ def test_the_user_says_how_many(page: Page) -> None:
 def test_what_is_slow_to_draw_stays_a_part(page: Page) -> None:
     """A page that finds its frames slow keeps what it has, and says so."""
     arrived(page, COUNT)
-    page.run("""(() => {
-      const { renderer } = luxel.app.drawing;
-      Object.defineProperty(renderer, "whole", { get: () => ({ count: renderer.loaded, ms: 400 }), set() {} });
-      luxel.app.introduce();
-    })()""")
+    page.run("window.wholeMs = 400; luxel.app.introduce()")
     arrived(page, 4096)
     page.wait(
         "document.getElementById('counts').textContent",
@@ -160,7 +169,7 @@ def test_baked_textures_come_with_their_particles(
         view(session, block=False, open_browser=False, announce=lambda url: None) as viewer,
         Page(viewer.url, WINDOW, browser=browser) as page,
     ):
-        page.wait("window.luxel && document.getElementById('fold').click() === undefined", WAIT_S)
+        begin(page)
         arrived(page, COUNT)
         assert settle(page)["baked"] == "pca"
         check(page, session, "parts-baked", baked[0].compressed)

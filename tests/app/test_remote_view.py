@@ -13,10 +13,13 @@ from PIL import Image
 
 import luxel
 from luxel.app.viewer import Viewer, view
+from luxel.light.lights import scene_white
 from luxel.session import Session
 from luxel.textures.spec import TextureSpec
+from luxel.textures.store.bake import bake_to
+from luxel.textures.textures import TextureSource
 from tests.app.chromium import Browser, Page
-from tests.app.pictures import WAIT_S, agree, choose, settle
+from tests.app.pictures import WAIT_S, agree, capture, choose, match, settle
 from tests.scenes import cloud
 
 pytestmark = pytest.mark.browser
@@ -57,8 +60,8 @@ def rest(page: Page) -> dict[str, Any]:
     return {**remote, "pixels": pixels(page, remote)}
 
 
-def pixels(page: Page, remote: dict[str, Any]) -> np.ndarray:
-    raw = np.frombuffer(base64.b64decode(page.run("luxel.remotePixels()")), np.uint8)
+def pixels(page: Page, remote: dict[str, Any], side: str = "left") -> np.ndarray:
+    raw = np.frombuffer(base64.b64decode(page.run(f"luxel.remotePixels({side!r})")), np.uint8)
     return raw.reshape(remote["height"], remote["width"], 4)[..., :3]
 
 
@@ -102,6 +105,59 @@ def test_picture_is_the_ray_tracers_whatever_is_changed(page: Page, viewer: View
     page.run("luxel.app.connection.socket.close()")
     page.wait("luxel.state().connected && Object.keys(luxel.state().troubles).length === 0", WAIT_S)
     equal(page, viewer, saved.view)
+
+
+def right(
+    page: Page, viewer: Viewer, scene: luxel.Scene, source: TextureSource | None, key: str
+) -> np.ndarray:
+    """The page shows exactly what the ray tracer draws of another light, right of the divider; return all of that picture."""
+    page.wait("luxel.remote()", WAIT_S, lambda r: r["current"] and r["right"] and r["right"]["final"])
+    remote = rest(page)
+    camera = luxel.Camera(**page.run("luxel.camera()"))
+    size = (remote["width"], remote["height"])
+    expected = luxel.render(scene, LOOK.with_changes(camera=camera), source, size, colorbar=False, key=key)
+    found = pixels(page, remote, "right")
+    np.testing.assert_array_equal(found, expected.pixels, str(remote["right"]))
+    return found
+
+
+def test_two_lights_are_drawn_side_by_side(page: Page, viewer: Viewer, tmp_path: Path) -> None:
+    session = viewer.session
+    left = equal(page, viewer)
+    page.run("document.getElementById('overlay').style.display = 'none'")
+    for model in ("ao", "lambertian"):
+        choose(page, "beside", model)
+        page.wait("luxel.state().beside", WAIT_S, lambda now, model=model: now and now["model"] == model)
+        scene, key = session.scene_beside, session.key_beside
+        assert scene is not None
+        assert key is not None
+        other = right(page, viewer, scene, session.source, key)
+        np.testing.assert_array_equal(equal(page, viewer), left)
+        # What is on screen is the one left of the divider, and the other right of it.
+        page.run("luxel.app.beside.divider.move(0.25)")
+        shown = np.asarray(Image.open(page.screenshot(tmp_path / "both.png")).convert("RGB"))
+        middle = WINDOW[0] // 4
+        for part, picture in ((slice(20, middle - 20), left), (slice(middle + 20, 160), other)):
+            band = (slice(60, 120), part)  # without labels, status line and colour bar
+            np.testing.assert_array_equal(shown[band], picture[band])
+    assert (left != other).any()
+    page.run("luxel.setCamera({...luxel.camera(), fov: 25})")
+    right(page, viewer, scene, session.source, key)
+    choose(page, "drawn-by", "browser")
+    settle(page)
+    assert not page.run("luxel.remote().active")
+    page.run("luxel.app.beside.divider.move(0)")
+    camera = luxel.Camera(**page.run("luxel.camera()"))
+    look = LOOK.with_changes(camera=camera)
+    match(
+        *capture(page), luxel.render(scene, look, size=WINDOW, antialias=1, colorbar=False), "beside-browser"
+    )
+    choose(page, "drawn-by", "server")
+    right(page, viewer, scene, session.source, key)
+    choose(page, "beside", "")
+    page.wait("luxel.remote()", WAIT_S, lambda r: r["right"] is None)
+    assert page.run("document.getElementById('remote-right').hidden")
+    equal(page, viewer)
 
 
 def test_while_it_moves_pictures_are_small_and_about_right(page: Page, viewer: Viewer) -> None:
@@ -205,7 +261,6 @@ def test_time_steps_play_and_studies_run(browser: Browser) -> None:
         Page(viewer.url, WINDOW, browser=browser) as page,
     ):
         equal(page, viewer)
-        assert page.run("document.getElementById('beside').disabled")  # one light is streamed
         page.run("document.getElementById('study-add').click()")
         choose(page, "rate", "10")
         page.run("document.getElementById('play').click()")
@@ -244,3 +299,25 @@ def test_without_webgl_the_server_draws(viewer: Viewer) -> None:
             page.drag((60, 165), (110, 150))  # below the banner
             assert (equal(page, plain) != first).any()
             assert [text for text in page.messages if "WebGL" not in text] == []
+
+
+def test_baked_light_is_drawn_beside_lambert(tmp_path: Path, browser: Browser) -> None:
+    spec = TextureSpec(mode="paper", samples=1, texels=8)
+    baked = bake_to(tmp_path / "b.zarr", cloud(150, radius=0.08), model="shadows", spec=spec)
+    with (
+        Session(baked, view=LOOK) as session,
+        view(
+            session, renderer="raytrace", block=False, open_browser=False, announce=lambda url: None
+        ) as viewer,
+        Page(viewer.url, WINDOW, browser=browser) as page,
+    ):
+        page.wait("window.luxel && luxel.app.scene", WAIT_S)
+        rest(page)
+        choose(page, "beside", "lambertian")
+        flat = luxel.Scene(
+            session.particles, model="lambertian", lights=session.scene.sources, albedo=session.scene.albedo
+        )
+        # As bright as the light beside it, by the same tone curve.
+        assert scene_white(flat) == scene_white(session.scene)
+        picture = right(page, viewer, flat, None, "")
+        assert (picture != rest(page)["pixels"]).any()

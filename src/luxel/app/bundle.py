@@ -1,8 +1,8 @@
 """The client in one piece, for where its modules cannot be fetched one by one: notebooks and exported pages.
 
 Every module becomes a function that returns what it exports, called in the order of imports. That is all that bundling takes here,
-because the modules import only each other, by relative name, and export only declarations. Comments and indentation are left out, which makes
-it a fifth smaller.
+because the modules import only each other, by relative name, and export only declarations. Comments, indentation and line ends that mean nothing are left
+out, which makes it a quarter smaller.
 """
 
 from __future__ import annotations
@@ -20,6 +20,10 @@ _EXPORT = re.compile(r"^export (?:(?:async )?function\*?|class|const) +(?=([\w$]
 _EXPORT_LIST = re.compile(r"^export \{ ?([\w$]+(?:, [\w$]+)*) ?\};$", re.MULTILINE)
 _STATEMENT = re.compile(r"^(?:import|export)\b.*$", re.MULTILINE)
 _COMMENT = re.compile(r"^[ \t]*(?://.*|/\*\*(?:(?!\*/)[\s\S])*\*/[ \t]*)\n|/\*\* .*?\*/ ?", re.MULTILINE)
+_REMARK = re.compile(
+    r"[ \t]+// .*$", re.MULTILINE
+)  # behind code: no text of the client holds two slashes between spaces
+_LINE_END = re.compile(r"(?<=[;{,(])\n(?!#)")  # shaders have lines that begin with a number sign, and mean it
 # Nothing depends on indentation: the only texts of several lines are those of shaders.
 _INDENT = re.compile(r"^\s+", re.MULTILINE)
 
@@ -41,7 +45,7 @@ def client_module(entry: str) -> str:
     parts: list[str] = []
     exported = _add(entry, parts, {}, ())
     names = f"export const {{ {', '.join(exported)} }} = {_name(entry)};\n" if exported else ""
-    return "".join(parts) + names
+    return _LINE_END.sub("", "".join(parts)) + names
 
 
 @lru_cache
@@ -63,7 +67,8 @@ def _add(module: str, parts: list[str], done: dict[str, list[str]], path: tuple[
         raise ValueError(f"client modules import each other in a circle: {' -> '.join([*path, module])}")
     if module in done:
         return done[module]
-    source = _INDENT.sub("", _COMMENT.sub("", (CLIENT_FOLDER / f"{module}.js").read_text(encoding="utf-8")))
+    text = (CLIENT_FOLDER / f"{module}.js").read_text(encoding="utf-8")
+    source = _INDENT.sub("", _REMARK.sub("", _COMMENT.sub("", text)))
     for imported in _IMPORT.finditer(source):
         there = _add(imported[2], parts, done, (*path, module))
         wanted = re.findall(r"([\w$]+)(?:\s+as\s+[\w$]+)?", imported[1]) if imported[1][0] == "{" else []

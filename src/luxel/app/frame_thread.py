@@ -15,12 +15,13 @@ from luxel.errors import LuxelError, SessionClosedError
 from luxel.picture.drawing import Crew
 from luxel.session import Session
 
-__all__ = ["FrameThread"]
+__all__ = ["FrameThread", "beside_of"]
 
 _log = logging.getLogger(__name__)
 _IN_FLIGHT_MAX = 2  # pictures that a page has not confirmed
 _NEWS_S = 0.05  # after news of light before it is drawn: more will have come by then
 _STOP_TIMEOUT_S = 10.0
+_BESIDE = ", beside"
 
 
 class _Seat:
@@ -46,7 +47,7 @@ class FrameThread:
     session
         What to draw.
     deliver
-        Called on the thread, as ``deliver(page, message)``, with pictures.
+        Called on the thread, as ``deliver(page, message)``, with pictures. Pages that compare are two, see :func:`beside_of`.
     picked
         Called on the thread, as ``picked(page, id)``.
     failed
@@ -131,7 +132,9 @@ class FrameThread:
 
     def _seat(self, page: str) -> _Seat:
         if page not in self._seats:
-            self._seats[page] = _Seat(PageStream(self._session, _client(page), self._crew, self._clock))
+            beside = page.endswith(_BESIDE)
+            made = PageStream(self._session, _client(page), self._crew, self._clock, beside=beside)
+            self._seats[page] = _Seat(made)
         if self._thread is None and not self._closed:
             self._thread = threading.Thread(target=self._run, name="luxel-frames", daemon=True)
             self._thread.start()
@@ -195,6 +198,11 @@ class FrameThread:
         with self._changed:
             seat.watches = seat.wish is not None
         self._failed(page, text)
+
+
+def beside_of(page: str) -> str:
+    """Return the name under which the light is drawn that a page compares with."""
+    return f"{page}{_BESIDE}"
 
 
 def _ready_s(seat: _Seat) -> float:

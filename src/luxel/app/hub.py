@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from luxel.app import baked, order, protocol, state
+from luxel.app import baked, order, parts, protocol, state
 from luxel.app.comparison import Comparison
 from luxel.app.page import Page
 from luxel.app.streaming import Streaming
@@ -180,13 +180,11 @@ class Hub:
                 await asyncio.to_thread(self.session.set_frame, message.frame)
                 await self._catch_up()
             case protocol.ScalarRequest():
-                page.bear()
-                made = await asyncio.to_thread(
-                    state.scalar, self.session.particles, message, self._epoch, self._order, not page.streamed
-                )
-                page.post(("scalar", message.name, message.start), lambda: made)
+                await parts.send_scalar(page, self.session.particles, message, self._epoch, self._order)
             case protocol.GeometryRequest():
-                await self._send_geometry(page, message)
+                # Else it crossed another time step on its way, or the server draws.
+                if self._particles is not None and message.epoch == self._epoch == page.epoch:
+                    parts.send_geometry(page, self._particles, message, self._order)
             case protocol.ColormapRequest():
                 found = await asyncio.to_thread(state.colormap, message.name)
                 page.post(("colormap", message.name), lambda: found)
@@ -203,6 +201,7 @@ class Hub:
                 await self._catch_up()
                 if begins:
                     self._comparison.introduce(page)
+                self._streaming.news()
             case protocol.Report():
                 _log.warning("%s reports: %s", page.name, _clean(message.text))
             case protocol.DrawBy():
@@ -247,20 +246,6 @@ class Hub:
             page.coarse.publish(np.setdiff1d(first.ids, ready.ids, assume_unique=True))
             page.wake.set()
         self._status_soon()
-
-    async def _send_geometry(self, page: Page, message: protocol.GeometryRequest) -> None:
-        """Send a page the particles that it asks for."""
-        particles, start = self._particles, message.start
-        if particles is None or message.epoch != self._epoch or page.epoch != self._epoch:
-            return  # it crossed another time step on its way, or a page that does not draw
-        if start >= len(particles):
-            raise ProtocolError(f"no particle {start}: there are {len(particles)}")
-        page.bear()
-        page.held = max(page.held, start + message.count)
-        page.post(
-            ("geometry", start),
-            functools.partial(state.geometry_part, particles, self._epoch, start, message.count, self._order),
-        )
 
     async def _set_light(self, message: protocol.SetLight) -> None:
         changes = state.light_changes(self.session, message)
@@ -318,14 +303,8 @@ class Hub:
         page.reset(len(particles))
         epoch = self._epoch
         parted = self._order is not None and not page.streamed
-        scene = functools.partial(
-            state.scene_state,
-            self.session,
-            epoch,
-            self.notice,
-            streamed=page.streamed,
-            first=order.FIRST if parted else 0,
-        )
+        how = functools.partial(state.scene_state, streamed=page.streamed, first=order.FIRST if parted else 0)
+        scene = functools.partial(how, self.session, epoch, self.notice)
         page.post("scene", scene)
         page.post("light", functools.partial(state.light_state, self.session))
         page.post("status", functools.partial(state.status, self.session))

@@ -19,7 +19,7 @@ from luxel.scene.view import View
 from luxel.session import Session, SessionTextures, Status
 from luxel.textures.textures import TextureSource, TextureTable
 
-__all__ = ["PageStream", "SessionLight"]
+__all__ = ["BesideLight", "PageStream", "SessionLight"]
 
 _ANTIALIAS = 3
 _MOVING_S = 0.05  # that a picture may take while the view moves
@@ -91,6 +91,45 @@ class SessionLight:
         """Light is computed by the session's own threads."""
 
 
+class _BesideTextures(SessionTextures):
+    """Textures of the light that is compared with; those of the session's own while there is none."""
+
+    @property
+    def key(self) -> str:
+        """Its light key."""
+        return self._session.key_beside or self._session.key
+
+    def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
+        """Note which particles were seen, (K,) int32, and from where, (3,) file units."""
+        self._session.sighted(ids, eye, self._client, self.key)
+
+
+class BesideLight:
+    """The light that is compared with, as one renderer sees it; a :class:`luxel.picture.frames.Lit`.
+
+    Parameters
+    ----------
+    session, client
+        What to draw, and the name under which sightings are noted.
+    """
+
+    def __init__(self, session: Session, client: str) -> None:
+        self._session = session
+        self.source: TextureSource = _BesideTextures(session, client)
+
+    @property
+    def scene(self) -> Scene:
+        """What to draw now."""
+        return self._session.scene_beside or self._session.scene
+
+    def status(self) -> Status:
+        """How far the light is."""
+        return self._session.status(beside=True)
+
+    def run_for(self, budget_s: float) -> None:
+        """Light is computed by the session's own threads."""
+
+
 class PageStream:
     """The stream of one page. Belongs to the thread that draws.
 
@@ -106,14 +145,30 @@ class PageStream:
         Drawing threads, shared by all streams.
     clock
         Seconds, never going backwards.
+    beside
+        Draw the light that is compared with. Where light is baked in, there is no other: then that is Lambert's.
     """
 
     def __init__(
-        self, session: Session, client: str, crew: Crew, clock: Callable[[], float] = time.monotonic
+        self,
+        session: Session,
+        client: str,
+        crew: Crew,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        beside: bool = False,
     ) -> None:
         self._clock = clock
-        self._session = session
-        self._frames = Frames(SessionLight(session, client), antialias=_ANTIALIAS, crew=crew, clock=clock)
+        self._beside = beside
+        other = beside and not session.light_fixed
+        self._light: SessionLight | BesideLight = (BesideLight if other else SessionLight)(session, client)
+        self._frames = Frames(
+            self._light,
+            shading="lambertian" if beside and session.light_fixed else "textures",
+            antialias=_ANTIALIAS,
+            crew=crew,
+            clock=clock,
+        )
         self._wish: Stream | None = None
         self._fresh = False  # nothing has been drawn of it yet
         self._count = 0
@@ -156,7 +211,7 @@ class PageStream:
             return None, math.inf
         self._fresh = False
         began_s = self._clock()
-        self._key = self._session.key
+        self._key = self._light.source.key
         frame = frames.draw()
         took_s = self._clock() - began_s
         if wish.moving:
@@ -166,7 +221,8 @@ class PageStream:
         if not frames.drawing:
             return message, math.inf if frame.final else _LOOK_S
         # Light comes from the same processors: it gets its share of them.
-        lit = frame.ready == frame.visible or self._session.scene.model == "lambertian"
+        bare = frames.shading == "lambertian" or self._light.scene.model == "lambertian"
+        lit = bare or frame.ready == frame.visible
         return message, 0.0 if lit or frame.rays == 1 else took_s
 
     def id_at(self, wish: Stream, x: float, y: float) -> int:
@@ -224,6 +280,7 @@ class PageStream:
             frame.ready,
             frame.dim,
             frame.stale,
+            self._beside,
         )
 
     def _words(self, frame: Frame) -> tuple[object, ...]:

@@ -69,6 +69,8 @@ class Stream(PageMessage):
         See :func:`luxel.picture.drawing.make_tone`.
     wish
         Names the message, for the page; pictures say which one they answer.
+    beside
+        Draw the light that is compared with too; where light is baked in, that is none.
     """
 
     kind: ClassVar[int] = 71
@@ -78,6 +80,7 @@ class Stream(PageMessage):
     moving: bool = False
     grading: tuple[float, float] = (1.0, 1.0)
     wish: int = 0
+    beside: bool = False
 
     @classmethod
     def read(cls, given: Given) -> Self:
@@ -86,7 +89,8 @@ class Stream(PageMessage):
         top, bottom = given.numbers("grading", 2)
         if min(top, bottom) < 0:
             raise ProtocolError("'grading' must be two numbers >= 0")
-        return cls(_view(given), width, height, given.truth("moving"), (top, bottom), given.whole("wish"))
+        how = given.truth("moving"), (top, bottom), given.whole("wish"), given.truth("beside")
+        return cls(_view(given), width, height, *how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +102,16 @@ class StopStream(PageMessage):
 
 @dataclass(frozen=True, eq=False)
 class ConfirmFrame(PageMessage):
-    """The page shows frame number `frame`; what was sent before it counts as taken in too."""
+    """The page shows frame number `frame`, of one light; what was sent before it counts as taken in too."""
 
     kind: ClassVar[int] = 73
     frame: int
+    beside: bool = False
 
     @classmethod
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
-        return cls(given.whole("frame"))
+        return cls(given.whole("frame"), given.truth("beside"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,6 +226,8 @@ class StreamedFrame(Message):
         The next picture would be the same: the view rests, and no better light will come.
     visible, ready, coarse, stale
         Particles in sight, and how many of them show a texture, first light, and a texture of the light before.
+    beside
+        Whether this is the light that is compared with. Its frames are counted apart.
     """
 
     kind: ClassVar[int] = 80
@@ -237,6 +244,7 @@ class StreamedFrame(Message):
     ready: int
     coarse: int
     stale: int
+    beside: bool = False
 
 
 @dataclass(frozen=True, eq=False)

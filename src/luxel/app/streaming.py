@@ -8,7 +8,7 @@ import functools
 from collections.abc import Callable, Iterable
 
 from luxel.app import protocol
-from luxel.app.frame_thread import FrameThread
+from luxel.app.frame_thread import FrameThread, beside_of
 from luxel.app.page import Page
 from luxel.app.screenshots import Screenshots
 from luxel.app.stream_messages import Picked, StreamedFrame
@@ -57,16 +57,18 @@ class Streaming:
 
     def leave(self, page: Page) -> None:
         """Draw no more for a page."""
-        self._thread.forget(page.name)
+        self.draw_no_more(page)
         self._screenshots.cancel(page)
 
     def dropped(self, page: Page) -> None:
         """What was to be sent to a page has been dropped: it will not confirm it."""
-        self._thread.confirm(page.name, 1 << 53)
+        for name in (page.name, beside_of(page.name)):
+            self._thread.confirm(name, 1 << 53)
 
     def draw_no_more(self, page: Page) -> None:
         """Stop the stream of a page that draws by itself from now on."""
-        self._thread.forget(page.name)
+        for name in (page.name, beside_of(page.name)):
+            self._thread.forget(name)
 
     def act(self, page: Page, message: protocol.PageMessage) -> None:
         """Act on a message that is about streams and screenshots.
@@ -80,10 +82,15 @@ class Streaming:
         match message:
             case protocol.Stream() if page.streamed:
                 self._thread.watch(name, message)
+                if message.beside:
+                    self._thread.watch(beside_of(name), message)
+                else:
+                    self._thread.forget(beside_of(name))
             case protocol.StopStream():
-                self._thread.rest(name)
+                for each in (name, beside_of(name)):
+                    self._thread.rest(each)
             case protocol.ConfirmFrame():
-                self._thread.confirm(name, message.frame)
+                self._thread.confirm(beside_of(name) if message.beside else name, message.frame)
             case protocol.PickAt() if page.streamed:
                 self._thread.pick(name, message)
             case protocol.TakeScreenshot():
@@ -100,11 +107,16 @@ class Streaming:
                 self._loop.call_soon_threadsafe(act, *arguments)
 
     def _page(self, name: str) -> Page | None:
-        return next((page for page in self._pages if page.name == name and page.streamed), None)
+        return next(
+            (page for page in self._pages if page.streamed and name in (page.name, beside_of(page.name))),
+            None,
+        )
 
     def _deliver(self, name: str, message: StreamedFrame) -> None:
         if (page := self._page(name)) is not None:
-            page.post(("frame", message.frame), lambda: message)  # few at a time, and none replaces another
+            page.post(
+                ("frame", message.beside, message.frame), lambda: message
+            )  # few at a time, and none replaces another
 
     def _picked(self, name: str, found: int) -> None:
         page = self._page(name)

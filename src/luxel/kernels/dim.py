@@ -34,7 +34,11 @@ def _sees_light(world, work, near, known, site, sun_table, suns, values, light, 
     light2[:] = _ZERO
     seen[:] = 0
     sunlight(world, work, near, known, site, sun_table, suns, light, light2, seen)
-    return light.max() > 0
+    # Not `light.max()`: kernels without reference counts cannot compile it, unless another has before them.
+    for cell in range(light.shape[0]):  # noqa: SIM110
+        if light[cell] > 0:
+            return True
+    return False
 
 
 @kernel

@@ -432,10 +432,10 @@ class Session:
                 self._show(k, self._lit.scene.with_changes(particles=particles))
             return self._lit.key
 
-    def status(self) -> Status:
-        """Return what the session is doing."""
-        lit = self._lit
-        self._engine.settle()
+    def status(self, *, beside: bool = False) -> Status:
+        """Return what the session is doing: for its light, or for that which is compared with, if there is any."""
+        lit = (self._beside if beside else None) or self._lit
+        (self._engine_beside if beside else self._engine).settle()
         counts = self._cache.counts(lit.key)
         return Status(
             key=lit.key,

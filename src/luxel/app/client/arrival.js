@@ -10,7 +10,7 @@ import { PARTICLES_WIDTH } from "./renderer.js";
 
 const PART = 1 << 18; // particles that are asked for at a time
 const ASKED_MAX = 3; // parts on their way
-const GROWTH = 1.5; // of what is here, between two looks at how long it takes to draw
+const GROWTH = 2; // of what is here, between two looks at how long it takes to draw
 const SLOW_MS = 250; // that all particles take to draw: beyond, there is nothing interactive about it
 const PARTICLE_BYTES = 100; // in the page's memory and the graphics processor's
 const MEMORY_SHARE = 1 / 8; // of the machine's
@@ -69,7 +69,7 @@ export class Arrival {
     const memory = /** @type {{deviceMemory?: number}} */ (navigator).deviceMemory ?? MEMORY_GIB;
     const fits = Math.floor((memory * MEMORY_SHARE * 2 ** 30) / PARTICLE_BYTES);
     this.room = Math.min(scene.count, this.limit || Math.max(scene.first, fits), app.drawing.renderer.particlesMax);
-    this.grow(Math.min(scene.first, this.room));
+    this.grow(Math.min(scene.first, PART, this.room));
     return this.room;
   }
 

@@ -80,11 +80,11 @@ export class Beside {
 
   /** Take on a light. @param {any} state */
   put(state) {
-    const { scene, light } = this.app;
+    const { scene, spheres, light, remote } = this.app;
     this.state = state;
-    if (state.model === "lambertian") this.tiles = null;
+    if (state.model === "lambertian" || remote.active) this.tiles = null;
     else {
-      this.tiles ??= new TileStore(scene.count, scene.texels, ATLAS_BYTES, PARTICLES_WIDTH);
+      this.tiles ??= new TileStore(spheres.shown.count, scene.texels, ATLAS_BYTES, PARTICLES_WIDTH);
       this.tiles.setLight(state.key, state.decoding);
     }
     this.requests.again();
@@ -105,6 +105,17 @@ export class Beside {
     return this.state !== null && this.state.key !== this.app.light.state?.key;
   }
 
+  /** Whether there is to be a right side; its light may still be on its way. */
+  get wanted() {
+    return this.model !== "" && (this.state === null || this.differs);
+  }
+
+  /** Somebody else draws now. */
+  switched() {
+    if (this.state !== null) this.put(this.state);
+    else this.apply();
+  }
+
   /** Whether it has to ask for textures. */
   get asks() {
     return this.differs && this.tiles !== null;
@@ -112,9 +123,10 @@ export class Beside {
 
   /** Bring renderer and page in line: a second set, where there is something to tell apart. */
   apply() {
-    const { drawing, scene, light } = this.app;
+    const { drawing, scene, light, remote } = this.app;
     const { sets, gl } = drawing.renderer;
-    if (!this.differs) {
+    if (!this.wanted) remote.endBeside();
+    if (!this.differs || remote.active) {
       for (const set of sets.splice(1)) set.delete();
     } else {
       if (sets.length < 2) sets.push(new LightSet(gl));
@@ -150,7 +162,8 @@ export class Beside {
   /** How far the right side is; null while there is none. */
   counts() {
     if (this.state === null) return null;
-    const { light } = this.app;
+    const { light, remote } = this.app;
+    if (remote.active && this.differs) return { model: this.state.model, key: this.state.key, ready: remote.right.shown?.ready ?? 0 };
     if (!this.differs) return { model: this.state.model, key: this.state.key, ready: light.counts().ready };
     const ready = this.tiles === null ? light.sight.count : light.sight.litCount(this.tiles, null).ready;
     return { model: this.state.model, key: this.state.key, ready };

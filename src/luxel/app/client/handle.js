@@ -55,11 +55,11 @@ export function handle(app) {
     /** Whether the server draws, whether what it sent is what is wanted now, and the message of that picture. */
     remote: () => {
       const { remote } = app, { width, height } = remote.canvas;
-      return { active: remote.active, current: remote.current, sent: remote.sent, shown: remote.shown, width, height };
+      return { active: remote.active, current: remote.current, sent: remote.sent, shown: remote.shown, right: remote.right.shown, width, height };
     },
-    /** The picture that the server sent (RGBA), rows from the top, as base64. */
-    remotePixels: () => {
-      const { canvas } = app.remote, { width, height } = canvas;
+    /** The picture that the server sent (RGBA), rows from the top, as base64. @param {"left" | "right"} [side] */
+    remotePixels: (side = "left") => {
+      const { canvas } = app.remote[side], { width, height } = canvas;
       const copy = new OffscreenCanvas(width, height).getContext("2d", { willReadFrequently: true });
       copy?.drawImage(canvas, 0, 0);
       return copy ? base64(copy.getImageData(0, 0, width, height).data) : "";

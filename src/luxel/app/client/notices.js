@@ -65,7 +65,7 @@ export class Notices {
       if (ready < visible && this.status?.textures_per_s >= 1) parts.push(`${n(Math.round(this.status.textures_per_s))} textures/s`);
       if (app.light.store.dropped) parts.push("texture memory full");
     }
-    const other = app.remote.active ? null : app.beside.counts();
+    const other = app.beside.counts();
     if (other && other.model !== "lambertian") parts.push(other.ready >= visible ? "right side lit" : `${n(other.ready)} lit on the right`);
     if (app.remote.active) parts.push("drawn by the server");
     if (this.fps >= 0.5 && !app.remote.shown?.final) parts.push(`${this.fps < 10 ? this.fps.toFixed(1) : Math.round(this.fps)} fps`);

@@ -16,21 +16,53 @@ function factors(background) {
   return base[k] > 0 ? [top[k] / base[k], bottom[k] / base[k]] : [1, 1];
 }
 
+/** What the server has sent of one light. */
+class Side {
+  /** @param {HTMLCanvasElement} canvas */
+  constructor(canvas) {
+    this.canvas = canvas;
+    /** The message of what is shown. @type {any} */
+    this.shown = null;
+    /** That of the picture itself. @type {any} */
+    this.picture = null;
+  }
+
+  /** Nothing has been sent, or it is of no use any more. */
+  forget() {
+    this.shown = this.picture = null;
+  }
+
+  /** @param {any} head @param {ImageBitmap | null} bitmap null where the picture is still the last one */
+  take(head, bitmap) {
+    if (bitmap !== null) {
+      this.draw(bitmap);
+      this.picture = head;
+    }
+    this.shown = { ...head, lossless: this.picture?.lossless ?? false };
+  }
+
+  /** @param {ImageBitmap} bitmap */
+  draw(bitmap) {
+    const { canvas } = this;
+    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
+    canvas.getContext("2d", { alpha: false })?.drawImage(bitmap, 0, 0);
+    bitmap.close();
+    canvas.hidden = false;
+  }
+}
+
 export class Remote {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
     /** Whether the server draws. */
     this.active = false;
-    /** @type {HTMLCanvasElement} */
-    this.canvas = app.element("remote");
+    this.left = new Side(app.element("remote"));
+    /** The light that is compared with, right of the divider. */
+    this.right = new Side(app.element("remote-right"));
     this.wish = ""; // sent last
     this.sent = 0; // wishes
     this.timer = 0;
-    /** The message of what is shown. @type {any} */
-    this.shown = null;
-    /** That of the picture itself. @type {any} */
-    this.picture = null;
     this.frames = 0;
     this.restMs = REST_MS;
     /** Done when all messages so far are: pictures take a while to unpack, and must not overtake each other. */
@@ -39,6 +71,14 @@ export class Remote {
     app.element("drawn-by").addEventListener("change", () => this.choose(app.element("drawn-by").value === "server"));
     document.addEventListener("visibilitychange", () => this.visibilityChanged(), { signal });
     signal.addEventListener("abort", () => clearTimeout(this.timer));
+  }
+
+  get shown() {
+    return this.left.shown;
+  }
+
+  get canvas() {
+    return this.left.canvas;
   }
 
   /** Who shall draw, as a hello says it; null before anybody has said so. */
@@ -50,7 +90,12 @@ export class Remote {
   /** A new connection: it has been asked for nothing. */
   connected() {
     this.wish = "";
-    this.shown = this.picture = null;
+    this.forget();
+  }
+
+  forget() {
+    this.left.forget();
+    this.right.forget();
   }
 
   /** Another data set. @param {any} scene */
@@ -72,6 +117,7 @@ export class Remote {
     if (app.scene === null) return;
     this.wish = "";
     this.set(server);
+    app.beside.switched();
     if (!server && !app.scene.streamed) {
       app.coloring.forgetRanges(); // those came without values
       app.light.requests.again();
@@ -87,12 +133,9 @@ export class Remote {
     if (active !== this.active && this.app.scene?.first) this.app.pick.set(-1);
     this.active = active;
     if (!active) clearTimeout(this.timer);
-    if (!active) this.shown = this.picture = null;
-    this.canvas.hidden = this.picture === null;
+    if (!active) this.forget();
+    for (const side of [this.left, this.right]) side.canvas.hidden = side.picture === null;
     this.app.element("drawn-by").value = active ? "server" : "browser";
-    // One light is streamed.
-    if (active) this.app.beside.choose("");
-    this.app.element("beside").disabled = active;
   }
 
   /** Ask for what is to be seen now, if it is not what was asked for last. */
@@ -111,16 +154,18 @@ export class Remote {
 
   /** Whether what is shown answers the latest wish, under the present light. */
   get current() {
-    const { shown, app: { light, viewpoint } } = this;
-    return shown !== null && viewpoint.camera !== null && shown.wish === this.sent && shown.key === light.state?.key
-      && JSON.stringify(this.wanted()) === this.wish;
+    const { app: { light, beside, viewpoint } } = this;
+    const answers = (/** @type {Side} */ { shown }, /** @type {string | undefined} */ key) => shown !== null && shown.wish === this.sent && shown.key === key;
+    // Baked light is compared with what has no textures, and the same key.
+    return viewpoint.camera !== null && answers(this.left, light.state?.key) && JSON.stringify(this.wanted()) === this.wish
+      && (!beside.wanted || answers(this.right, (beside.local ? light : beside).state?.key));
   }
 
   /** What is to be seen. */
   wanted() {
-    const { panel, viewpoint, scene, drawing } = this.app;
+    const { panel, viewpoint, scene, drawing, beside } = this.app;
     const [width, height] = [drawing.canvas.width, drawing.canvas.height].map((side) => Math.min(side, SIDE_MAX));
-    return { view: viewJson(panel.settings, viewpoint.camera, scene), width, height, grading: factors(panel.settings.background) };
+    return { view: viewJson(panel.settings, viewpoint.camera, scene), width, height, grading: factors(panel.settings.background), beside: beside.wanted };
   }
 
   /** @param {object} wish @param {boolean} moving */
@@ -147,15 +192,12 @@ export class Remote {
   /** @param {any} head @param {Record<string, any>} arrays */
   async show(head, arrays) {
     if (!this.active) return;
-    if (arrays.image.length) {
-      const type = head.lossless ? "image/png" : "image/jpeg";
-      const bitmap = await createImageBitmap(new Blob([arrays.image], { type }), { colorSpaceConversion: "none" });
-      if (this.active) this.draw(bitmap);
-      this.picture = head;
-    }
-    this.shown = { ...head, lossless: this.picture?.lossless ?? false };
-    this.frames++;
-    this.app.connection.send(encode(KIND.confirmFrame, { frame: head.frame }));
+    const type = head.lossless ? "image/png" : "image/jpeg";
+    const bitmap = arrays.image.length ? await createImageBitmap(new Blob([arrays.image], { type }), { colorSpaceConversion: "none" }) : null;
+    this.app.connection.send(encode(KIND.confirmFrame, { frame: head.frame, beside: head.beside }));
+    if (!this.active || (head.beside && !this.app.beside.wanted)) return bitmap?.close();
+    (head.beside ? this.right : this.left).take(head, bitmap);
+    if (!head.beside) this.frames++;
     if (head.ready || head.coarse) this.app.notices.trouble("notice", null);
     this.app.notices.tick();
     if (head.final) this.app.notices.show();
@@ -163,13 +205,10 @@ export class Remote {
     this.app.study.tick();
   }
 
-  /** @param {ImageBitmap} bitmap */
-  draw(bitmap) {
-    const { canvas } = this;
-    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
-    canvas.getContext("2d", { alpha: false })?.drawImage(bitmap, 0, 0);
-    bitmap.close();
-    canvas.hidden = false;
+  /** The comparison has ended. */
+  endBeside() {
+    this.right.forget();
+    this.right.canvas.hidden = true;
   }
 
   /** What the picture shows. */

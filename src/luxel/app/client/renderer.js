@@ -79,6 +79,7 @@ export class Renderer {
     /** Milliseconds that a frame of a kind takes. @type {Map<string, number>} */
     this.times = new Map();
     this.frameCount = 0;
+    this.begunAt = 0;
     this.doneAt = 0;
     this.look = {
       uniform: true, packed: false, color: [0.85, 0.83, 0.8], noData: [0.5, 0.5, 0.52], exposure: 1, top: [0, 0, 0], bottom: [0, 0, 0],
@@ -170,11 +171,14 @@ export class Renderer {
 
   /** Whether the graphics processor is still busy with earlier frames; also keeps the time that a frame takes. */
   get busy() {
-    while (this.frames.length && signalled(this.gl, this.frames[0].fence)) {
-      const { fence, since, kind, count } = /** @type {Frame} */ (this.frames.shift());
+    const done = [];
+    while (this.frames.length && signalled(this.gl, this.frames[0].fence)) done.push(/** @type {Frame} */ (this.frames.shift()));
+    const now = performance.now();
+    // Where the processor is slow, several are found done at once.
+    const took = done.length ? (now - Math.max(done[0].since, this.doneAt)) / done.length : 0;
+    for (const { fence, kind, count } of done) {
       this.gl.deleteSync(fence);
-      const now = performance.now();
-      const took = now - Math.max(since, this.doneAt), before = this.times.get(kind) ?? took;
+      const before = this.times.get(kind) ?? took;
       this.frameMs += 0.3 * (took - this.frameMs);
       this.times.set(kind, before + 0.3 * (took - before));
       if (kind === WHOLE) this.whole = { count, ms: took };
@@ -187,7 +191,7 @@ export class Renderer {
   /** Call after the commands of a frame. @param {string} kind */
   endFrame(kind) {
     const fence = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-    if (fence !== null) this.frames.push({ fence, since: performance.now(), kind, count: this.loaded });
+    if (fence !== null) this.frames.push({ fence, since: this.begunAt, kind, count: this.loaded });
     this.gl.flush();
   }
 
@@ -214,6 +218,7 @@ export class Renderer {
    */
   drawSample(camera, shift, shape, pair, first, drawn) {
     if (this.targets === null || this.spheres === null) return;
+    this.begunAt = performance.now(); // commands may wait for the processor
     this.drawIds(camera, shift, shape, drawn);
     // Samples after the first fall between: together they need no filter, which would only blur them.
     this.shade(camera, shift, shape, pair, first, first && drawn.filtered);

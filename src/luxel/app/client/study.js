@@ -66,10 +66,10 @@ export class Study {
 
   /** Bring the list of models in line with the scene. */
   offer() {
-    const { scene, light, remote } = this.app;
+    const { scene, light } = this.app;
     const list = this.app.element("study-models");
     const [legend] = list.children;
-    const baked = remote.active ? [light.state.model] : [...new Set([light.state.model, "lambertian"])];
+    const baked = [...new Set([light.state.model, "lambertian"])];
     const models = scene.light_fixed ? baked : scene.models;
     if (list.dataset.models === String(models)) return;
     list.dataset.models = String(models);
@@ -179,7 +179,10 @@ export class Study {
   get ready() {
     const { light, beside, coloring, spheres, arrival, remote, drawing: { film } } = this.app;
     const { model } = this.trial, { shown } = film;
-    if (remote.active) return this.loaded && light.state.model === model && remote.current && remote.shown.final;
+    if (remote.active) {
+      const [{ state }, { shown: sent }] = beside.wanted ? [beside, remote.right] : [light, remote.left];
+      return this.loaded && state?.model === model && remote.current && sent.final;
+    }
     const lit = () => {
       const other = beside.counts();
       const { visible, ready } = light.counts();
