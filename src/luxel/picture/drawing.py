@@ -129,7 +129,7 @@ def draw_rays(
     def work() -> None:
         frame.draw_frame(
             tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, rays, tone, picture,
-            frame.make_bench(tree.stack_size), counter
+            frame.make_bench(tree.stack_size, skin.texels), counter
         )  # fmt: skip
 
     crew.run(work)
@@ -179,8 +179,20 @@ def id_at(tree: Tree, eye: tiles.Eye, size: tuple[int, int], place: tuple[float,
 def make_skin(table: TextureTable, colors: NDArray[np.float32]) -> frame.Skin:
     """Return what kernels need to know of the particles' looks; `colors` is (N, 3) float32 linear."""
     return frame.Skin(
-        table.slot, table.codes, table.decoding, table.coarse, colors, mapping_code(table.mapping)
+        table.slot,
+        table.codes,
+        _decoding_law(table.decoding),
+        table.coarse,
+        colors,
+        mapping_code(table.mapping),
     )
+
+
+def _decoding_law(decoding: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (2, 2) factors of code and code squared in the luminance of codes, for each half of a decoding table."""
+    first, last = decoding.reshape(-1, 256)[:, [1, 255]].astype(np.float64).T
+    square = (last / 255 - first) / 254
+    return np.resize(np.stack([first - square, square], axis=1).astype(np.float32), (2, 2))
 
 
 def make_tone(scene: Scene, view: View, grading: tuple[float, float] | None = None) -> Tone:
