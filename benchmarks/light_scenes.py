@@ -54,8 +54,8 @@ def orbit(particles: luxel.Particles) -> list[luxel.Camera]:
     ]
 
 
-def data_sets(count: int) -> list[DataSet]:
-    """The plate (of about `count` particles), the crushed foam, and gas with smoothing lengths.
+def data_sets(count: int, names: list[str] | None = None) -> list[DataSet]:
+    """The plate (of about `count` particles), the crushed foam, and gas with smoothing lengths, or those `names`.
 
     The latter two are real files of the shared data; without them only the plate is measured, and it is said.
     """
@@ -66,6 +66,8 @@ def data_sets(count: int) -> list[DataSet]:
     }
     found = []
     for name, make in makers.items():
+        if names is not None and name not in names:
+            continue
         try:
             particles = make()
         except (FileNotFoundError, ImportError) as error:

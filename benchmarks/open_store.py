@@ -65,7 +65,9 @@ def main() -> None:
     with ExitStack() as stack:
         store = options.store or Path(stack.enter_context(tempfile.TemporaryDirectory())) / "slab.zarr"
         scene = luxel.Scene(slab(_COUNT), model="ao")
-        bake_to(store, scene, spec=TextureSpec(mode="fast", samples=1), codec=CodecChoice("pca", components=8))
+        bake_to(
+            store, scene, spec=TextureSpec(mode="fast", samples=1), codec=CodecChoice("pca", components=8)
+        )
         _round(store)
         rounds = [_round(store) for _ in range(5 if options.quick else 15)]
     total, *parts = zip(*rounds, strict=True)

@@ -1,4 +1,4 @@
-"""The paper's tables 5 and 6 and its figure 8: dynamic textures. Run through ``benchmarks.paper_tables``.
+"""The paper's tables 5 and 6: dynamic textures. Run through ``benchmarks.paper_tables``.
 
 The camera path "arc": 100 views, a quarter turn from azimuth -60° on, from 35° above the horizon, 512², at half the distance at which
 everything is in view, so that the data fills the picture. "arc, far" is as far away as that, where most particles are smaller than a pixel.
@@ -10,10 +10,6 @@ table6: frames a second along the arc, one ray a pixel. "query only": the same L
 pixel looked up, every visible particle requested, generation off. "outstanding": from an empty cache, while requests
 wait. "completed": all textures there, one bilinear lookup a pixel as in the paper; "filtered" is what the viewer
 shows of small particles. Pairs of frames in turn; their median ratio with quartiles.
-splits: shares of the machine for several splits between drawing and baking, dedicated threads and per-frame budgets (paper
-figure 7): frames a second over those of all threads without baking, and textures a second over a plain bake's.
-figure8: efficiency over threads, rate(t) / (t · rate(1)), with the per-frame callback. Its budget is 33 ms over t, so that a
-frame holds the same work whatever t is. "completed": all textures there.
 """
 
 from __future__ import annotations
@@ -39,13 +35,12 @@ from luxel.textures.codecs import Distortion, IncrementalPCA
 from luxel.textures.spec import TextureSpec, light_key
 from luxel.trace.tree import thread_count
 
-__all__ = ["figure8", "splits", "table5", "table6"]
+__all__ = ["arc", "table5", "table6"]
 
 Rows = list[dict[str, Any]]
 _SIDE = 512
 _SIZE = (_SIDE, _SIDE)
 _SPEC = TextureSpec(mode="fast", samples=1)
-_BUDGET_S = 0.033
 _BYTES = 512 << 20
 _TEXTURE = 256  # bytes
 _PCA_SHARED = 9 * 256 * 4  # mean and eight basis textures
@@ -206,86 +201,6 @@ def _frame_rates(data: DataSet, path: list[luxel.Camera]) -> dict[str, Any]:
     return row
 
 
-def splits(sets: list[DataSet], quick: bool) -> Rows:
-    """Shares of the machine that drawing and baking get, for several splits."""
-    data = sets[0]
-    scene = data.scene("sky+sun")
-    threads = thread_count(None)
-    camera = arc(data.particles, 1)[0]
-    seen = visible_ids(scene, camera, _SIZE)
-    for_s = 2.0 if quick else 6.0
-    chosen: list[tuple[str, int, int, float]] = [
-        (f"draw {threads}, bake {bake}", threads, bake, 0.0) for bake in range(1, threads + 1)
-    ]
-    if threads > 1:
-        chosen += [(f"draw {threads - b}, bake {b}", threads - b, b, 0.0) for b in range(1, threads)]
-    chosen += [(f"draw {threads}, budget {1000 * s:.0f} ms", threads, 0, s) for s in (0.010, 0.033)]
-    baker = Baker(scene, _SPEC)
-    baker.prepare(threads)
-    textures = bake_with(baker, seen)
-    rows: Rows = []
-    for name, draw, bake, budget_s in chosen:
-        alone = _bake_rate(baker, seen, threads, for_s / 2)
-        frames_alone = _frame_rate(scene, textures, camera, threads, for_s / 2)
-        with Session(scene, spec=_SPEC, threads=bake) as session:
-            frames_per_s, textures_per_s = _both_rates(session, camera, draw, budget_s, for_s)
-        share = frames_per_s / frames_alone, textures_per_s / alone
-        rows.append(
-            {
-                "split": name,
-                "frames/s": frames_per_s,
-                "of alone": frames_alone,
-                "textures/s": textures_per_s,
-                "of a bake's": alone,
-                "frame share": share[0],
-                "bake share": share[1],
-                "sum": sum(share),
-            }
-        )
-    return rows
-
-
-def figure8(sets: list[DataSet], quick: bool) -> Rows:
-    """Efficiency over threads, requests outstanding and completed."""
-    data = sets[0]
-    scene = data.scene("sky+sun")
-    camera = arc(data.particles, 1)[0]
-    seen = visible_ids(scene, camera, _SIZE)
-    most = thread_count(None)
-    counts = sorted({1, 2, *(2**k for k in range(1, 7) if 2**k <= most), most} & set(range(1, most + 1)))
-    for_s = 1.5 if quick else 5.0
-    baker = Baker(scene, _SPEC)
-    baker.prepare(most)
-    textures = bake_with(baker, seen)
-    found: dict[int, list[tuple[float, float, float]]] = {count: [] for count in counts}
-    for _ in range(2 if quick else 3):
-        for count in counts:  # in turn, so that a machine whose speed drifts hurts all alike
-            with Session(scene, spec=_SPEC, threads=0) as session:
-                frames_per_s, textures_per_s = _both_rates(session, camera, count, _BUDGET_S / count, for_s)
-            completed = _frame_rate(scene, textures, camera, count, for_s / 2)
-            found[count].append((frames_per_s, textures_per_s, completed))
-    rows: Rows = []
-    single = [statistics.median(each) for each in zip(*found[1], strict=True)]
-    for count in counts:
-        rates = [statistics.median(each) for each in zip(*found[count], strict=True)]
-        row: dict[str, Any] = {"threads": count}
-        for name, rate, one in zip(
-            ("outstanding, frames", "outstanding, textures", "completed, frames"), rates, single, strict=True
-        ):
-            row[f"{name}/s"] = rate
-            row[f"{name}, efficiency"] = rate / (count * one)
-        rows.append(row)
-    rows.append(
-        {
-            "threads": "paper, 16",
-            "outstanding, frames, efficiency": "flat",
-            "outstanding, textures, efficiency": "about linear",
-            "completed, frames, efficiency": "about 0.8",
-        }
-    )
-    return rows
-
-
 @contextmanager
 def _filled(data: DataSet, path: list[luxel.Camera]) -> Iterator[Session]:
     """A session that has every texture that the path shows."""
@@ -319,64 +234,6 @@ def _outstanding(scene: luxel.Scene, path: list[luxel.Camera]) -> float:
             if frame.ready < frame.visible and status.queued + status.baking:
                 took.append(second)
     return statistics.mean(took) if took else float("nan")
-
-
-def _both_rates(
-    session: Session, camera: luxel.Camera, draw: int, budget_s: float, for_s: float
-) -> tuple[float, float]:
-    """Frames and textures a second while requests wait; the light changes when none do."""
-    done = 0
-
-    def count(batch: Any) -> None:
-        nonlocal done
-        done += len(batch.ids)  # each worker tells its own; a lost update is one batch of thousands
-
-    leave = session.subscribe(count)
-    frames = Frames(
-        session, luxel.View(camera=camera), _SIZE, antialias=1, threads=draw, bake_budget_s=budget_s
-    )
-    with frames:
-        while not done:  # until the baker is made and its filter learnt
-            frames.restart()  # as if the camera had moved: every draw sends a ray through every pixel
-            frames.draw()
-            if session.status().queued + session.status().baking == 0:
-                break
-        done, drawn, start = 0, 0, perf_counter()
-        while (took := perf_counter() - start) < for_s:
-            frames.restart()
-            frame = frames.draw()
-            drawn += 1
-            if frame.ready == frame.visible:
-                break
-        took = perf_counter() - start
-    leave()
-    return drawn / took, done / took
-
-
-def _frame_rate(
-    scene: luxel.Scene, textures: luxel.LuminanceTextures, camera: luxel.Camera, threads: int, for_s: float
-) -> float:
-    """Frames a second with all textures there and nothing being baked."""
-    view = luxel.View(camera=camera)
-    with Frames(scene, view, _SIZE, textures=textures, antialias=1, threads=threads) as frames:
-        frames.draw()
-        drawn, start = 0, perf_counter()
-        while (took := perf_counter() - start) < for_s:
-            frames.restart()
-            frames.draw()
-            drawn += 1
-    return drawn / took
-
-
-def _bake_rate(baker: Baker, seen: NDArray[np.int32], threads: int, for_s: float) -> float:
-    """Textures a second of a plain bake."""
-    done, start = 0, perf_counter()
-    rng = np.random.default_rng(0)
-    while (took := perf_counter() - start) < for_s:
-        lot = rng.permutation(seen)[: 1024 * threads]
-        bake_with(baker, lot, threads=threads)
-        done += len(lot)
-    return done / took
 
 
 def _lookup_ns(data: DataSet, camera: luxel.Camera) -> float:

@@ -1,17 +1,17 @@
 """One ray a pixel, from camera to picture: trace a tile, light what it hits, develop the rows.
 
-Light is looked up two steps behind the rays: between asking for a particle's texels and reading them lies the
-tracing of the next tile, so that the threads do not wait for memory. Rows are handed out by a counter that all threads of
-a frame share; each makes a single call a frame.
+Light is looked up three steps behind the rays, so that threads do not wait for memory: between asking where a particle's texture lies, asking for
+its texels and reading them, other tiles are traced. Blocks of tiles are handed out by a counter that all threads of a frame share; each
+thread makes a single call a frame.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from luxel.kernels import FIRST_LIGHT, STALE
+from luxel.kernels import FIRST_LIGHT
 from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import prefetch_texels, side_of
@@ -42,10 +42,10 @@ from luxel.kernels.textured import (
     open_textures,
 )
 from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, place_of, trace_tile
-from luxel.kernels.tone import develop_rows
+from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
-__all__ = ["Bench", "Skin", "draw_frame", "gather_seen", "make_bench", "slots_digest"]
+__all__ = ["Bench", "Skin", "draw_frame", "make_bench"]
 
 _ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))
 
@@ -57,23 +57,25 @@ class Bench(NamedTuple):
     rays: Scratch
     spare: np.ndarray
     opened: Opened
-    now: Hits
-    before: Hits
+    hits: tuple  # three Hits: of the tiles whose particles, slots, and textures are under way
 
 
-def make_bench(stack_size: int, texels: Any) -> Bench:
-    """Allocate the working memory of one thread that reads `texels`; not a kernel."""
+def make_bench(stack_size: int, words: int) -> Bench:
+    """Allocate the working memory of one thread, for textures of so many ``lookup.opened_words``; not a kernel."""
     hits = [
-        Hits(np.zeros(16 * RAYS, np.float32), *(np.zeros(n * RAYS, np.int32) for n in (4, 1, 1)))
-        for _ in range(2)
+        Hits(
+            np.zeros(16 * RAYS, np.float32),
+            *(np.zeros(n, np.int32) for n in (4 * RAYS, RAYS, RAYS, RAYS // LANES)),
+        )
+        for _ in range(3)
     ]
     spare = np.zeros(8 * LANES, np.float32)
-    return Bench(make_tile(stack_size), scratch(stack_size), spare, make_opened(texels), *hits)
+    return Bench(make_tile(stack_size), scratch(stack_size), spare, make_opened(words), tuple(hits))
 
 
 @kernel(inline=True, borrows=True)
 def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
-    """Note which particles the rays of a tile hit, and where; ask for their textures."""
+    """Note which particles the rays of a tile hit, and where; ask where their textures lie."""
     spheres, ids, found = tree.spheres, tree.ids, tile.found
     words, who, slot = hits.words, hits.who, hits.slot
     for j in range(RAYS):
@@ -94,7 +96,6 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
             prefetch(skin.slot, i * 4)
         if seen.shape[0] > 0:
             seen[i] = 1
-    side = side_of(skin.texels)
     for v in range(0, RAYS, LANES):
         t = load(words, T + v)
         dx, dy, dz = (
@@ -114,21 +115,30 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
         store(words, DY + v, dy)
         store(words, DZ + v, dz)
         store(words, RADIUS + v, vsqrt(load(words, RADIUS + v)))
-    if textured:
-        for v in range(0, RAYS, LANES):
-            some = False
+
+
+@kernel(inline=True, borrows=True)
+def _find(hits, skin):
+    """Note where the textures of a tile's particles lie; ask for them."""
+    words, who, slot = hits.words, hits.who, hits.slot
+    side = side_of(skin.texels)
+    for v in range(0, RAYS, LANES):
+        count = 0
+        for j in range(v, v + LANES):
+            if who[j] >= 0:
+                slot[j] = skin.slot[who[j]]
+                count += slot[j] >= 0
+                if slot[j] == FIRST_LIGHT:
+                    prefetch(skin.coarse, who[j] * 16)
+        hits.textured[v // LANES] = count
+        if count:
+            nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
+            texel_corners(skin.mapping, side, nx, ny, nz, words[APART:], hits.corners, v)
             for j in range(v, v + LANES):
-                if who[j] >= 0:
-                    slot[j] = skin.slot[who[j]]
-                    some |= slot[j] >= 0
-            if some:
-                nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
-                texel_corners(skin.mapping, side, nx, ny, nz, words[APART:], hits.corners, v)
-                for j in range(v, v + LANES):
-                    if slot[j] >= 0:
-                        place = slot[j] & PLACE
-                        prefetch_texels(skin.texels, place, hits.corners[j])
-                        prefetch_texels(skin.texels, place, hits.corners[2 * CORNER_STRIDE + j])
+                if slot[j] >= 0:
+                    place = slot[j] & PLACE
+                    prefetch_texels(skin.texels, place, hits.corners[j])
+                    prefetch_texels(skin.texels, place, hits.corners[2 * CORNER_STRIDE + j])
 
 
 @kernel(inline=True, borrows=True)
@@ -178,7 +188,7 @@ def _shade(tree, lights, eye, bench, skin, hits, step, textured, shadows, first,
     if textured:
         open_textures(skin, bench.opened, hits)
     for v in range(0, RAYS, LANES):
-        if textured:
+        if textured and hits.textured[v // LANES]:
             light_textures(eye, skin, bench.opened, hits, v, step)
         _light_bare(tree, lights, bench.rays, bench.spare, skin, hits, v, shadows)
     for j in range(RAYS):
@@ -215,12 +225,12 @@ def _clear(total, tx, ty):
 
 @kernel(borrows=True)
 def draw_frame(
-    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, rays, tone, picture, bench, counter
+    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, rays, tone, picture, bench, counter, edge
 ):  # fmt: skip
     """Send one ray through (x + shift_x, y + shift_y) of every pixel and add what it brings to `total`.
 
-    Several threads may call with the same arguments at once, each with a bench of its own and on rows that it draws
-    from `counter`.
+    Several threads may call with the same arguments at once, each with a bench of its own and on blocks of pixels that it
+    draws from `counter`.
 
     Parameters
     ----------
@@ -241,71 +251,44 @@ def draw_frame(
     picture
         (H, W, 3) uint8, developed by `tone`; or (0, 0, 3), then nothing is.
     counter
-        (1,) int64, the first row; 0 before the first call.
+        (1,) int64, the first block; 0 before the first call.
+    edge
+        Tiles along the side of a block.
     """
     height, width = total.shape[0], total.shape[1]
     step = _TWO * spacing / np.float32(width)
-    now, before = bench.now, bench.before
+    side = edge * TILE
+    across, down = (width + side - 1) // side, (height + side - 1) // side
+    traced, found, ready = bench.hits
     while True:
-        ty = take(counter, TILE)
-        if ty >= height:
+        block = take(counter, 1)
+        if block >= across * down:
             return
-        waiting = -1  # column of the tile whose textures are under way
-        for tx in range(0, width + TILE, TILE):
-            near = tx < width and trace_tile(tree, eye, bench.tile, width, height, tx, ty, shift_x, shift_y)
-            if near:
-                _collect(tree, bench.tile, now, skin, textured, seen, width, height, tx, ty)
-            elif tx < width:
-                if first:
-                    _clear(total, tx, ty)
-                continue
-            if waiting >= 0:
+        left, top = block % across * side, block // across * side
+        right, bottom = min(left + side, width), min(top + side, height)
+        columns = (right - left + TILE - 1) // TILE
+        count = columns * ((bottom - top + TILE - 1) // TILE)
+        # Corners of the tiles whose slots, and whose textures, are under way.
+        found_x = found_y = ready_x = ready_y = -1
+        for k in range(count + 2):
+            tx = ty = -1
+            if k < count:
+                row = k // columns
+                column = k - row * columns
+                # There and back: what lies where a row ends is still at hand where the next one begins.
+                tx, ty = left + TILE * (columns - 1 - column if row & 1 else column), top + TILE * row
+                if not trace_tile(tree, eye, bench.tile, width, height, tx, ty, shift_x, shift_y):
+                    if first:
+                        _clear(total, tx, ty)
+                    continue
+                _collect(tree, bench.tile, traced, skin, textured, seen, width, height, tx, ty)
+            if ready_x >= 0:
                 _shade(
-                    tree, lights, eye, bench, skin, before, step, textured, shadows, first, total, waiting, ty
+                    tree, lights, eye, bench, skin, ready, step, textured, shadows, first, total, ready_x, ready_y
                 )  # fmt: skip
-            now, before = before, now
-            waiting = tx
+            if textured and found_x >= 0:
+                _find(found, skin)
+            traced, found, ready = ready, traced, found
+            ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:
-            develop_rows(total, rays, tone, ty, min(ty + TILE, height), picture)
-
-
-@kernel(inline=True)
-def _mixed(particle, slot):
-    """Hash of one particle's slot; sums of them tell whether any of many slots has changed."""
-    h = (np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)
-    h = (h ^ (h >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-    return (h ^ (h >> np.uint64(32))) * np.uint64(0x94D049BB133111EB)
-
-
-@kernel
-def gather_seen(seen, slot, found):
-    """List the particles marked in `seen`, ascending, into `found` (N,) int32.
-
-    Returns how many, how many of them have a texture, how many only first light, how many a texture of another light, and the digest of their
-    slots. `seen` is (N',) uint8 with N' a multiple of 8 and at least N.
-    """
-    words = seen.view(np.uint64)
-    count = textured = dim = stale = 0
-    digest = np.uint64(0)
-    for w in range(words.shape[0]):
-        if words[w] == 0:
-            continue
-        for i in range(8 * w, 8 * w + 8):
-            if seen[i]:
-                s = slot[i]
-                found[count] = i
-                count += 1
-                textured += 0 <= s < STALE
-                dim += s == FIRST_LIGHT
-                stale += s >= STALE
-                digest += _mixed(i, s)
-    return count, textured, dim, stale, digest
-
-
-@kernel
-def slots_digest(ids, slot):
-    """Sum of hashes of the slots of particles: what `gather_seen` returns last."""
-    digest = np.uint64(0)
-    for k in range(ids.shape[0]):
-        digest += _mixed(ids[k], slot[ids[k]])
-    return digest
+            develop_block(total, rays, tone, left, right, top, bottom, picture)

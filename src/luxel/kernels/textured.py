@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from luxel.kernels import STALE
 from luxel.kernels.dots import load_fours
 from luxel.kernels.jit import kernel
-from luxel.kernels.lookup import PLACES, open_texture, opened_words, prefetch_opened, read_four, side_of
+from luxel.kernels.lookup import PLACES, open_texture, prefetch_opened, read_four, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
 from luxel.kernels.memory import item
 from luxel.kernels.simd import LANES, any_lane, fma, load, select, splat, store, to_float, vmax, vmin, vsqrt
@@ -71,7 +71,8 @@ class Hits(NamedTuple):
     words: np.ndarray
     corners: np.ndarray  # (4 · 64,) int32 texels around each point
     who: np.ndarray  # (64,) int32 particle, -1 for none
-    slot: np.ndarray  # (64,) int32 its texture, -1 for none
+    slot: np.ndarray  # (64,) int32 its texture, negative for none
+    textured: np.ndarray  # (4,) int32 how many of each sixteen have a texture
 
 
 class Opened(NamedTuple):
@@ -82,10 +83,11 @@ class Opened(NamedTuple):
     codes: np.ndarray  # (64,) int32, of four texels for each of sixteen rays
 
 
-def make_opened(texels: Any) -> Opened:
-    """Allocate memory for some of `texels`; not a kernel."""
-    words = np.zeros(PLACES * opened_words(texels), np.float32)
-    return Opened(words, np.zeros(PLACES, np.int64), np.zeros(4 * LANES, np.int32))
+def make_opened(words: int) -> Opened:
+    """Allocate memory for textures of so many ``lookup.opened_words`` each; not a kernel."""
+    return Opened(
+        np.zeros(PLACES * words, np.float32), np.zeros(PLACES, np.int64), np.zeros(4 * LANES, np.int32)
+    )
 
 
 @kernel(inline=True, borrows=True)
@@ -125,11 +127,6 @@ def light_textures(eye, skin, opened, hits, v, step):
     sparkle: neighbouring rays fall on unrelated texels.
     """
     words, corners, slot, decoding = hits.words, hits.corners, hits.slot, skin.decoding
-    some = False
-    for j in range(v, v + LANES):
-        some |= item(slot, j) >= 0
-    if not some:
-        return
     stale = to_float(load(slot, v)) >= _STALE
     linear = select(stale, splat(decoding[1, 0]), splat(decoding[0, 0]))
     square = select(stale, splat(decoding[1, 1]), splat(decoding[0, 1]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 
-__all__ = ["SRGB_CELLS", "Tone", "develop", "develop_rows"]
+__all__ = ["SRGB_CELLS", "Tone", "develop", "develop_block", "develop_rows"]
 
 SRGB_CELLS = 4096  # sRGB gains at most one of 255 levels over such a part of linear light
 _ZERO, _ONE, _TOP = np.float32(0), np.float32(1), np.float32(255)
@@ -62,9 +62,9 @@ def develop(total, rays, exposure, white, background, picture):
 
 
 @kernel(borrows=True)
-def develop_rows(total, rays, tone, first_row, last_row, picture):
-    """Turn rows [first_row, last_row) of `total` (H, W, 5) into sRGB (H, W, 3) uint8; the background runs from top to bottom."""
-    height, width = picture.shape[0], picture.shape[1]
+def develop_block(total, rays, tone, first_column, last_column, first_row, last_row, picture):
+    """As `develop_rows`, of columns [first_column, last_column) only."""
+    height = picture.shape[0]
     scale = _ONE / np.float32(rays)
     toe = tone.white ** np.float32(-0.6)
     for y in range(first_row, last_row):
@@ -73,7 +73,7 @@ def develop_rows(total, rays, tone, first_row, last_row, picture):
         g = tone.bottom[1] + (tone.top[1] - tone.bottom[1]) * rise
         b = tone.bottom[2] + (tone.top[2] - tone.bottom[2]) * rise
         red, green, blue = _level(tone, r), _level(tone, g), _level(tone, b)
-        for x in range(width):
+        for x in range(first_column, last_column):
             hits = total[y, x, 4]
             if hits == 0:
                 picture[y, x, 0], picture[y, x, 1], picture[y, x, 2] = red, green, blue
@@ -84,3 +84,9 @@ def develop_rows(total, rays, tone, first_row, last_row, picture):
             picture[y, x, 0] = _level(tone, total[y, x, 0] * gain + r * clear)
             picture[y, x, 1] = _level(tone, total[y, x, 1] * gain + g * clear)
             picture[y, x, 2] = _level(tone, total[y, x, 2] * gain + b * clear)
+
+
+@kernel(borrows=True)
+def develop_rows(total, rays, tone, first_row, last_row, picture):
+    """Turn rows [first_row, last_row) of `total` (H, W, 5) into sRGB (H, W, 3) uint8; the background runs from top to bottom."""
+    develop_block(total, rays, tone, 0, picture.shape[1], first_row, last_row, picture)

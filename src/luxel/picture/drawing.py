@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 from luxel.errors import InputError
 from luxel.kernels import frame, tiles
 from luxel.kernels.light import Lights
+from luxel.kernels.lookup import opened_words
 from luxel.kernels.path import World
 from luxel.kernels.tone import SRGB_CELLS, Tone
 from luxel.kernels.tree_trace import Tree
@@ -49,6 +52,7 @@ NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
 
 _BAND = 4 * tiles.TILE  # rows a task
 _MOST_PIXELS = 2**28
+_LARGEST_EDGE, _BLOCKS_A_THREAD = 8, 16
 
 
 class Crew:
@@ -66,6 +70,7 @@ class Crew:
         self.threads = thread_count(threads)
         self._pool: ThreadPoolExecutor | None = None
         self._lock = threading.Lock()
+        self._benches: deque[tuple[tuple[int, int], frame.Bench]] = deque(maxlen=self.threads)
 
     def run(self, work: Callable[[], object]) -> None:
         """Call `work` on every thread at once and wait for all; re-raises an error."""
@@ -93,6 +98,21 @@ class Crew:
         for other in others:
             if not other.cancelled():
                 other.result()
+
+    @contextlib.contextmanager
+    def bench(self, stack_size: int, words: int) -> Iterator[frame.Bench]:
+        """Lend one of the working memories that are kept, for trees of such a depth and textures of so many words when opened."""
+        sizes = stack_size, words
+        try:
+            found, bench = self._benches.pop()
+        except IndexError:
+            found = (-1, -1)
+        if found != sizes:
+            bench = frame.make_bench(*sizes)
+        try:
+            yield bench
+        finally:
+            self._benches.append((sizes, bench))
 
     def close(self) -> None:
         """End the threads; a later :meth:`run` starts new ones."""
@@ -122,17 +142,25 @@ def draw_rays(
 ) -> None:
     """Send one ray through every pixel; see :func:`luxel.kernels.frame.draw_frame`."""
     counter = np.zeros(1, np.int64)
+    edge = _block_edge(total.shape[1], total.shape[0], crew.threads)
     if tone is None:
         tone = _untoned()
     x, y = np.float32(shift[0]), np.float32(shift[1])
 
     def work() -> None:
-        frame.draw_frame(
-            tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, rays, tone, picture,
-            frame.make_bench(tree.stack_size, skin.texels), counter
-        )  # fmt: skip
+        with crew.bench(tree.stack_size, opened_words(skin.texels)) as bench:
+            frame.draw_frame(
+                tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, rays, tone, picture,
+                bench, counter, edge
+            )  # fmt: skip
 
     crew.run(work)
+
+
+def _block_edge(width: int, height: int, threads: int) -> int:
+    """Tiles along the side of a block: many are traced faster together, but all threads should be done at the same time."""
+    tiles_each = width * height / (tiles.TILE**2 * threads)
+    return min(_LARGEST_EDGE, max(1, math.isqrt(int(tiles_each / _BLOCKS_A_THREAD))))
 
 
 def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels.frame import gather_seen, slots_digest
+from luxel.kernels.seen import gather_seen, slots_digest
 from luxel.kernels.tone import develop_rows
 from luxel.light.lights import pack_lights
 from luxel.particles import Particles

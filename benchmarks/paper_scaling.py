@@ -1,0 +1,227 @@
+"""The paper's figure 8, and how drawing and baking share a machine. Run through ``benchmarks.paper_tables``.
+
+All on the plate alone, from the first view of the camera path "arc" (see ``paper_tables_dynamic``), one ray a pixel, textures of default quality.
+
+splits: for several splits between drawing and baking, dedicated threads and per-frame budgets (paper figure 7), while requests wait:
+frames a second over those of all threads with nothing to bake, and textures a second over a plain bake's on all threads; their sum.
+figure8: efficiency over threads, at 512² and 1024².
+"alone": frames with all textures there, and a plain bake, rate(t) / (t · rate(1)): what the machine and its memory let through.
+"dedicated": half of the threads draw and half bake, while requests wait; frames a second over t/2 times those of one thread alone, textures
+over t/2 times a plain bake's on one thread.
+"callback": every thread draws, then bakes, while requests wait, rate(t) / (t · rate(1)). The budget is 33 ms over t, so that a frame holds the same
+work whatever t is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import luxel
+from benchmarks.light_scenes import DataSet
+from benchmarks.paper_tables_dynamic import arc
+from luxel.picture.frames import Frames
+from luxel.picture.raytrace import visible_ids
+from luxel.session import Session
+from luxel.textures.bake import Baker, bake_with
+from luxel.textures.spec import TextureSpec
+
+__all__ = ["figure8", "splits"]
+
+Rows = list[dict[str, Any]]
+_SPEC = TextureSpec.usual()
+_BUDGET_S = 0.033
+_TARGET = 0.8  # efficiency
+_SPLIT_TARGET = 0.9
+
+
+@dataclass(eq=False)
+class _Stand:
+    """What is drawn and baked, with a baker that has learnt its filter, so that sessions need not."""
+
+    scene: luxel.Scene
+    camera: luxel.Camera
+    side: int
+    baker: Baker
+    seen: NDArray[np.int32]
+    textures: luxel.LuminanceTextures
+
+    @classmethod
+    def of(cls, data: DataSet, side: int, threads: int) -> _Stand:
+        scene = data.scene("sky+sun")
+        camera = arc(data.particles, 1)[0]
+        baker = Baker(scene, _SPEC)
+        baker.prepare(threads)
+        seen = visible_ids(scene, camera, (side, side))
+        return cls(scene, camera, side, baker, seen, bake_with(baker, seen, threads=threads))
+
+    def frames_alone(self, threads: int, for_s: float) -> float:
+        """Frames a second with all textures there and nothing being baked."""
+        view = luxel.View(camera=self.camera)
+        with Frames(
+            self.scene, view, (self.side, self.side), textures=self.textures, antialias=1, threads=threads
+        ) as frames:
+            frames.draw()
+            drawn, start = 0, perf_counter()
+            while (took := perf_counter() - start) < for_s:
+                frames.restart()  # as if the camera had moved: every draw sends a ray through every pixel
+                frames.draw()
+                drawn += 1
+        return drawn / took
+
+    def bake_alone(self, threads: int, for_s: float) -> float:
+        """Textures a second of a plain bake."""
+        done, start = 0, perf_counter()
+        rng = np.random.default_rng(0)
+        while (took := perf_counter() - start) < for_s:
+            lot = rng.permutation(self.seen)[: 1024 * threads]
+            bake_with(self.baker, lot, threads=threads)
+            done += len(lot)
+        return done / took
+
+    def both(self, draw: int, bake: int, budget_s: float, for_s: float) -> tuple[float, float]:
+        """Frames and textures a second while requests wait, over as many empty caches as it takes."""
+        drawn = done = 0
+        took = 0.0
+        for _ in range(50):
+            frames, textures, seconds = self._fill(draw, bake, budget_s, for_s - took)
+            drawn, done, took = drawn + frames, done + textures, took + seconds
+            if took >= 0.9 * for_s:
+                break
+        return drawn / took, done / took
+
+    def _fill(self, draw: int, bake: int, budget_s: float, most_s: float) -> tuple[int, int, float]:
+        """Draw and bake from the first textures on, up to the last or for `most_s` seconds; return frames, textures, seconds."""
+        done = 0
+
+        def count(batch: Any) -> None:
+            nonlocal done
+            done += len(batch.ids)  # each worker tells its own; a lost update is one batch of thousands
+
+        with (
+            Session(
+                self.scene,
+                spec=_SPEC,
+                threads=bake,
+                max_bytes=1 << 30,
+                make_baker=lambda scene, spec: self.baker,
+            ) as session,
+            Frames(
+                session,
+                luxel.View(camera=self.camera),
+                (self.side, self.side),
+                antialias=1,
+                threads=draw,
+                bake_budget_s=budget_s,
+            ) as frames,
+        ):
+            leave = session.subscribe(count)
+            while not done:  # first light
+                frames.restart()
+                frames.draw()
+            done, drawn, start = 0, 0, perf_counter()
+            while True:
+                frames.restart()
+                frame = frames.draw()
+                drawn += 1
+                took = perf_counter() - start
+                if took >= most_s or frame.ready == frame.visible:
+                    leave()
+                    return drawn, done, took
+
+
+def splits(sets: list[DataSet], quick: bool, threads: int) -> Rows:
+    """Shares of the machine that drawing and baking get, for several splits."""
+    stand = _Stand.of(sets[0], 512, threads)
+    for_s = 2.0 if quick else 6.0
+    t = threads
+    chosen = [(f"draw {t}, bake {b}", t, b, 0.0) for b in sorted({1, (t + 1) // 2, t})]
+    chosen += [
+        (f"draw {t - b}, bake {b}", t - b, b, 0.0) for b in sorted({t // 4, t // 2, 3 * t // 4} - {0, t})
+    ]
+    chosen += [(f"draw {t}, budget {1000 * s:.0f} ms", t, 0, s) for s in (0.010, 0.033)]
+    rows: Rows = []
+    for name, draw, bake, budget_s in chosen:
+        alone = stand.bake_alone(t, for_s / 2)
+        frames_alone = stand.frames_alone(t, for_s / 2)
+        frames_per_s, textures_per_s = stand.both(draw, bake, budget_s, for_s)
+        share = frames_per_s / frames_alone, textures_per_s / alone
+        rows.append(
+            {
+                "split": name,
+                "frames/s": frames_per_s,
+                "of alone": frames_alone,
+                "textures/s": textures_per_s,
+                "of a bake's": alone,
+                "frame share": share[0],
+                "bake share": share[1],
+                "sum": sum(share),
+                "target": _verdict(sum(share), _SPLIT_TARGET),
+            }
+        )
+    return rows
+
+
+def figure8(sets: list[DataSet], quick: bool, threads: int) -> Rows:
+    """Efficiency over threads."""
+    counts = sorted({1, threads, *(2**k for k in range(1, 7) if 2**k <= threads)})
+    for_s = 1.0 if quick else 4.0
+    rows: Rows = []
+    for side in (512, 1024):
+        stand = _Stand.of(sets[0], side, threads)
+        found: dict[int, list[tuple[float, ...]]] = {count: [] for count in counts}
+        for _ in range(2 if quick else 3):
+            for count in counts:  # in turn, so that a machine whose speed drifts hurts all alike
+                found[count].append(
+                    (
+                        stand.frames_alone(count, for_s / 2),
+                        stand.bake_alone(count, for_s / 2),
+                        *(
+                            stand.both(count - count // 2, count // 2, 0.0, for_s)
+                            if count > 1
+                            else (0.0, 0.0)
+                        ),
+                        *stand.both(count, 0, _BUDGET_S / count, for_s),
+                    )
+                )
+        rates = {count: [max(each) for each in zip(*found[count], strict=True)] for count in counts}
+        rows += [_efficiencies(f"{side}²", count, rates[count], rates[1]) for count in counts]
+    rows.append(
+        {
+            "picture": "paper",
+            "threads": 16,
+            "alone: frames": "about 0.8",
+            "callback: frames": "flat",
+            "callback: textures": "about linear",
+        }
+    )
+    return rows
+
+
+def _efficiencies(picture: str, count: int, rates: list[float], single: list[float]) -> dict[str, Any]:
+    """One row of figure 8."""
+    row: dict[str, Any] = {"picture": picture, "threads": count}
+    frames_alone, bake_alone, frames_dedicated, bake_dedicated, frames_callback, bake_callback = rates
+    found = {
+        "alone: frames": (frames_alone, count * single[0]),
+        "alone: bake": (bake_alone, count * single[1]),
+        "dedicated: frames": (frames_dedicated, (count - count // 2) * single[0]),
+        "dedicated: textures": (bake_dedicated, (count // 2) * single[1]),
+        "callback: frames": (frames_callback, count * single[4]),
+        "callback: textures": (bake_callback, count * single[5]),
+    }
+    missed = []
+    for name, (rate, ideal) in found.items():
+        row[f"{name}/s"], row[name] = (rate, rate / ideal) if rate else ("", "")
+        if rate and rate / ideal < _TARGET:
+            missed.append(name)
+    row["target"] = f">= {_TARGET}: " + ("met" if not missed else "missed by " + ", ".join(missed))
+    return row
+
+
+def _verdict(value: float, target: float) -> str:
+    return f">= {target}: " + ("met" if value >= target else "missed")
