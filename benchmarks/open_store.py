@@ -26,7 +26,7 @@ from luxel.textures.store.layout import CodecChoice
 
 _COUNT = 1_000_000
 _MOST_S = 2.0
-_PARTS = ("start", "open", "particles", "textures", "picture")
+_PARTS = ("process", "store", "scene", "records", "drawing")
 _CHILD = """
 import sys, time, json
 at = [time.perf_counter()]
