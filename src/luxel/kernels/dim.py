@@ -34,10 +34,10 @@ def _sees_light(world, work, near, known, site, sun_table, suns, values, light, 
     light2[:] = _ZERO
     seen[:] = 0
     sunlight(world, work, near, known, site, sun_table, suns, light, light2, seen)
+    brightest = _ZERO
     for k in range(light.shape[0]):
-        if light[k] > 0:
-            return True
-    return False
+        brightest = max(brightest, light[k])
+    return brightest > 0
 
 
 @kernel
