@@ -19,6 +19,7 @@ from luxel.dynamic.entries import (
     LIT,
     NONE,
     QUEUED,
+    WANTING,
     Entries,
     grade_of,
     work_of,
@@ -285,7 +286,7 @@ class Desk:
     def _ask(self, light: Entries, sighting: Sighting) -> None:
         ids = sighting.part(self.number, len(self._cache.shards))
         state = light.state[ids]
-        unfinished = (grade_of(state) < FULL) & (work_of(state) <= QUEUED)
+        unfinished = WANTING[state]
         ids, state = ids[unfinished], state[unfinished]
         distance, pixels = sighting.measure(ids)
         distance = np.asarray(distance, np.float64)

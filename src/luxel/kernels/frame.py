@@ -16,13 +16,14 @@ from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import four_codes, prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
-from luxel.kernels.memory import prefetch, take
+from luxel.kernels.memory import claim, prefetch, take
+from luxel.kernels.seen import slot_hash
 from luxel.kernels.simd import LANES, any_lane, fma, load, select, splat, store, vmax, vmin, vsqrt
 from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, place_of, trace_tile
 from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
-__all__ = ["Bench", "Skin", "draw_frame", "make_bench"]
+__all__ = ["TALLIES", "Bench", "Skin", "draw_frame", "make_bench"]
 
 _ZERO, _QUARTER, _ONE, _TWO = (np.float32(x) for x in (0, 0.25, 1, 2))
 # Rays closer than so many radii read textures at one point; the filter opens up over as much again.
@@ -30,6 +31,7 @@ _FINE = np.float32(0.2)
 # Cosine² between normal and ray that the filter keeps to: beyond, a pixel shows more of what lies behind.
 _LIMB = np.float32(0.19)
 _PLACE = STALE - 1
+TALLIES = 5
 
 # Fields of `Hits.words`, RAYS words each.
 (_NX, _NY, _NZ, _DX, _DY, _DZ, _X, _Y, _Z, _T, _RADIUS, _LIGHT, _WEIGHT, _APART) = (RAYS * k for k in range(14))  # fmt: skip
@@ -62,6 +64,7 @@ class Bench(NamedTuple):
     tile: Tile
     rays: Scratch
     spare: np.ndarray
+    tally: np.ndarray  # (TALLIES,) int64
     hits: tuple  # three Hits: of the tiles whose particles, slots, and textures are under way
 
 
@@ -74,7 +77,13 @@ def make_bench(stack_size: int) -> Bench:
         )
         for _ in range(3)
     ]
-    return Bench(make_tile(stack_size), scratch(stack_size), np.zeros(8 * LANES, np.float32), tuple(hits))
+    return Bench(
+        make_tile(stack_size),
+        scratch(stack_size),
+        np.zeros(8 * LANES, np.float32),
+        np.zeros(TALLIES, np.int64),
+        tuple(hits),
+    )
 
 
 @kernel(inline=True, borrows=True)
@@ -82,6 +91,7 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
     """Note which particles the rays of a tile hit, and where; ask where their textures lie."""
     spheres, ids, found = tree.spheres, tree.ids, tile.found
     words, who, slot = hits.words, hits.who, hits.slot
+    watched = seen.shape[0] > 0
     for j in range(RAYS):
         place = found[j]
         column, row = place_of(j)
@@ -98,8 +108,8 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
         prefetch(skin.colors, i * 12)
         if textured:
             prefetch(skin.slot, i * 4)
-        if seen.shape[0] > 0:
-            seen[i] = 1
+            if watched:
+                prefetch(seen, i)
     for v in range(0, RAYS, LANES):
         t = load(words, _T + v)
         dx, dy, dz = (
@@ -122,18 +132,31 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
 
 
 @kernel(inline=True, borrows=True)
-def _find(hits, skin):
+def _find(hits, skin, seen, tally):
     """Note where the textures of a tile's particles lie; ask for them."""
     words, who, slot = hits.words, hits.who, hits.slot
     side = side_of(skin.texels)
+    watched = seen.shape[0] > 0
+    last = np.int32(-1)
     for v in range(0, RAYS, LANES):
         count = 0
         for j in range(v, v + LANES):
-            if who[j] >= 0:
-                slot[j] = skin.slot[who[j]]
-                count += slot[j] >= 0
-                if slot[j] == FIRST_LIGHT:
-                    prefetch(skin.coarse, who[j] * 16)
+            i = who[j]
+            if i < 0:
+                continue
+            s = skin.slot[i]
+            slot[j] = s
+            count += s >= 0
+            if s == FIRST_LIGHT:
+                prefetch(skin.coarse, i * 16)
+            # Read before it is written: a line that all threads write goes back and forth between them.
+            if watched and i != last and seen[i] == 0 and claim(seen, i):
+                tally[0] += 1
+                tally[1] += (s >= 0) & (s < STALE)
+                tally[2] += s == FIRST_LIGHT
+                tally[3] += s >= STALE
+                tally[4] += slot_hash(i, s)
+            last = i
         hits.textured[v // LANES] = count
         if count:
             nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
@@ -318,7 +341,8 @@ def draw_frame(
     picture
         (H, W, 3) uint8, developed by `tone`; or (0, 0, 3), then nothing is.
     counter
-        (1,) int64, the first block; 0 before the first call.
+        (1 + TALLIES,) int64: the first block, and of the particles newly marked in `seen` how many there are, have a texture, first light only, a
+        texture of another light, and the sum of hashes of their slots. All 0 before the first call.
     edge
         Tiles along the side of a block.
     """
@@ -327,10 +351,11 @@ def draw_frame(
     side = edge * TILE
     across, down = (width + side - 1) // side, (height + side - 1) // side
     traced, found, ready = bench.hits
+    bench.tally[:] = 0
     while True:
         block = take(counter, 1)
         if block >= across * down:
-            return
+            break
         left, top = block % across * side, block // across * side
         right, bottom = min(left + side, width), min(top + side, height)
         columns = (right - left + TILE - 1) // TILE
@@ -354,8 +379,10 @@ def draw_frame(
                     tree, lights, eye, bench.rays, bench.spare, skin, ready, step, textured, shadows, first, total, ready_x, ready_y
                 )  # fmt: skip
             if textured and found_x >= 0:
-                _find(found, skin)
+                _find(found, skin, seen, bench.tally)
             traced, found, ready = ready, traced, found
             ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:
             develop_block(total, rays, tone, left, right, top, bottom, picture)
+    for k in range(TALLIES):
+        take(counter[1 + k :], bench.tally[k])
