@@ -33,6 +33,8 @@ FROM_PAGE = [
     protocol.Inspect(7),
     protocol.SetFrame(3),
     protocol.ScalarRequest("velocity.x"),
+    protocol.ScalarRequest("velocity.x", 2048, 4096),
+    protocol.GeometryRequest(3, 2048, 4096),
     protocol.ColormapRequest("viridis"),
     protocol.Report("shader: 'x' undeclared"),
     protocol.DrawBy("server"),
@@ -55,7 +57,7 @@ FROM_SERVER = [
     protocol.Status("ab12", 1, 2, 3, 4, 5.5, None),
     protocol.Error("no such scalar"),
     protocol.ViewState({"exposure": 2}),
-    protocol.ParticleState(1, 7, "1, 2, 3", "0.5", [("T", "300")]),
+    protocol.ParticleState(1, 7, 9, "1, 2, 3", "0.5", [("T", "300")]),
     protocol.Coarse("ab12", IDS, np.arange(12, dtype=np.float16).reshape(3, 4)),
     protocol.CodecState(
         "ab12",

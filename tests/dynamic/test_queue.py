@@ -278,3 +278,21 @@ def test_an_empty_queue_gives_nothing(method):
     assert queue.refresh(1.0).size == 0
     assert queue.clear().size == 0
     assert queue.oldest_s == math.inf
+
+
+def test_its_length_makes_sense_halfway_through_a_change():
+    lengths = []
+
+    def peeking(requests):
+        lengths.append(len(queue))  # as another thread may ask at any moment
+        return recent_and_near(requests)
+
+    queue = RequestQueue(peeking)
+    push(queue, dict.fromkeys(range(9), 1.0))
+    queue.refresh(0.0)
+    queue.pop(8)
+    push(queue, {20: 1.0}, 1.0)
+    queue.refresh(1.0)
+    assert len(lengths) >= 2
+    assert min(lengths) >= 0
+    assert len(queue) == 2

@@ -54,14 +54,34 @@ def test_fast_mode_is_paper_mode_with_less_noise(file):
     assert error < 0.8 * np.sqrt((raw**2).mean() - noise)
 
 
-def test_what_is_left_black_is_dark():
+def test_what_is_not_sampled_is_dim():
     scene = luxel.Scene(plate(60_000), LIGHTS)
-    ids = np.random.default_rng(2).choice(len(scene.particles), 250, replace=False).astype(np.int32)
-    fast = Baker(scene, TextureSpec(mode="fast", samples=4)).luminance(ids)[0]
-    black = ids[~fast.any(axis=(1, 2))]
-    assert len(black) > 40
-    truth = draw_paths(Baker(scene, TextureSpec(seed=5)).world, "latlong", 16, 16, black).mean
-    assert truth.mean() < 0.002
+    ids = np.random.default_rng(2).choice(len(scene.particles), 400, replace=False).astype(np.int32)
+    baker = Baker(scene, TextureSpec(mode="fast", samples=4))
+    fast, told = baker.luminance(ids)
+    flat = np.ptp(fast, axis=(1, 2)) == 0
+    assert flat.sum() > 120
+    sampled = draw_paths(Baker(scene, TextureSpec(seed=5)).world, "latlong", 16, 16, ids[flat])
+    truth, exposed = sampled.mean, sampled.exposed > 0
     assert truth.mean(axis=(1, 2)).max() < 0.03
     # Nor do they hide a bright spot: a crack that opens on a few texels.
     assert truth.reshape(-1, 4, 4, 4, 4).mean(axis=(2, 4)).max() < 0.25
+    difference = np.where(exposed, fast[flat] - truth, 0.0)
+    assert abs(difference.sum() / exposed.sum()) < 0.001 * baker.scale
+    noise = (sampled.variance[exposed] / sampled.exposed[exposed]).sum()
+    found = np.sqrt(((difference**2).sum() - noise) / exposed.sum())
+    assert 0.5 < np.sqrt((told[flat] ** 2).mean()) / found < 2
+
+
+def test_no_texture_is_flat_where_light_comes_straight_in():
+    # a ball in a box of balls that is open by one narrow shaft to the sky
+    grid = np.arange(-4, 5) * 1.0
+    x, y, z = (a.ravel() for a in np.meshgrid(grid, grid, grid, indexing="ij"))
+    shaft = (x == 0) & (y == 0) & (z > 0)
+    centers = np.stack([x, y, z], axis=1)[~shaft]
+    middle = np.flatnonzero((np.abs(centers) < 0.1).all(axis=1)).astype(np.int32)
+    deep = np.flatnonzero((centers == [2.0, 2.0, -1.0]).all(axis=1)).astype(np.int32)
+    scene = luxel.Scene(luxel.Particles(centers, np.full(len(centers), 0.62)), LIGHTS)
+    baker = Baker(scene, TextureSpec(mode="fast", samples=2))
+    assert np.ptp(baker.luminance(middle)[0]) > 0.05
+    assert not baker.luminance(deep)[0].any()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.app import protocol
+from luxel.app.order import Order
 from luxel.textures.store.reader import BakedFrame
 from luxel.textures.textures import decoding_table
 
@@ -44,10 +45,13 @@ def codec_state(frame: BakedFrame) -> protocol.CodecState:
     )
 
 
-def payload(frame: BakedFrame, part: int) -> protocol.Payload:
-    """Return part number `part` of a frame's textures."""
+def payload(frame: BakedFrame, part: int, order: Order | None) -> protocol.Payload:
+    """Return part number `part` of a frame's textures, in the order that pages have them in."""
     size = part_size(frame.count, frame.payload_bytes)
-    return protocol.Payload(frame.key, part * size, frame.payload[part * size : (part + 1) * size])
+    which = slice(part * size, (part + 1) * size)
+    return protocol.Payload(
+        frame.key, part * size, frame.payload[which if order is None else order.to_file[which]]
+    )
 
 
 class PartFeed:
@@ -73,12 +77,18 @@ class PartFeed:
             visible = np.bincount(ids // self._size, minlength=max(self._rest) + 1)
             self._rest.sort(key=lambda part: (-int(visible[part]), part))
 
-    def take(self) -> int | None:
-        """Return the part to send now; None when all are sent or the page has to catch up first."""
-        if not self._rest or self._sent - self._confirmed >= _IN_FLIGHT_MAX:
+    def take(self, held: int | None = None) -> int | None:
+        """Return the part to send now; None when all are sent or the page has to catch up first.
+
+        `held` is how many particles the page has asked for, if not all: beyond, it needs no textures.
+        """
+        if self._sent - self._confirmed >= _IN_FLIGHT_MAX:
             return None
-        self._sent += 1
-        return self._rest.pop(0)
+        found = next((part for part in self._rest if held is None or part * self._size < held), None)
+        if found is not None:
+            self._sent += 1
+            self._rest.remove(found)
+        return found
 
     def confirm(self, parts: int) -> None:
         """Take the page's word that it has `parts` messages in all."""

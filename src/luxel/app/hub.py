@@ -8,11 +8,12 @@ import functools
 import itertools
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from luxel.app import baked, protocol, state
+from luxel.app import baked, order, protocol, state
 from luxel.app.comparison import Comparison
 from luxel.app.page import Page
 from luxel.app.streaming import Streaming
@@ -67,6 +68,7 @@ class Hub:
         self._numbers = itertools.count(1)
         self._epoch = 0
         self._particles: Particles | None = None
+        self._order: order.Order | None = None  # in which pages have them, if not that of the file
         self._key = ""
         self._baked: BakedFrame | None = None  # what pages get whole, instead of tiles
         self._baked_read = False
@@ -125,6 +127,12 @@ class Hub:
 
     def next_message(self, page: Page) -> protocol.Message | None:
         """Return what to send to `page` now, if anything."""
+        message = self._next(page)
+        if self._order is not None and isinstance(message, protocol.Tiles | protocol.Coarse):
+            return replace(message, ids=self._order.to_page[message.ids])
+        return message
+
+    def _next(self, page: Page) -> protocol.Message | None:
         posted = page.next_posted()
         if posted is not None or not page.greeted:
             return posted
@@ -143,8 +151,8 @@ class Hub:
             page.feed.withdraw()  # evicted meanwhile; the page will ask again
         if (tiles := self._comparison.next_tiles(page)) is not None:
             return tiles
-        if self._baked is not None and (block := page.parts.take()) is not None:
-            return baked.payload(self._baked, block)
+        if self._baked is not None and (block := page.parts.take(page.held)) is not None:
+            return baked.payload(self._baked, block, self._order)
         return None
 
     async def _act(self, page: Page, message: protocol.PageMessage) -> None:
@@ -172,10 +180,13 @@ class Hub:
                 await asyncio.to_thread(self.session.set_frame, message.frame)
                 await self._catch_up()
             case protocol.ScalarRequest():
+                page.bear()
                 made = await asyncio.to_thread(
-                    state.scalar, self.session.particles, message.name, self._epoch, not page.streamed
+                    state.scalar, self.session.particles, message, self._epoch, self._order, not page.streamed
                 )
-                page.post(("scalar", message.name), lambda: made)
+                page.post(("scalar", message.name, message.start), lambda: made)
+            case protocol.GeometryRequest():
+                await self._send_geometry(page, message)
             case protocol.ColormapRequest():
                 found = await asyncio.to_thread(state.colormap, message.name)
                 page.post(("colormap", message.name), lambda: found)
@@ -184,7 +195,8 @@ class Hub:
             case protocol.LoadView():
                 await self._load_view(page, message.saved)
             case protocol.Inspect():
-                told = state.particle(self.session.particles, message.id, self._epoch)
+                numbers = None if page.streamed else self._order
+                told = state.particle(self.session.particles, message.id, self._epoch, numbers)
                 page.post("particle", lambda: told)
             case protocol.Compare():
                 begins = await self._comparison.choose(page, message.model)
@@ -218,6 +230,8 @@ class Hub:
         if self._baked is not None:
             page.parts.want(ids)
             return
+        if self._order is not None:
+            ids = np.sort(self._order.to_file[ids])
         spheres = SphereSet.of(particles)
         eye = spheres.center + spheres.unit * np.asarray(message.eye)
         if beside:
@@ -233,6 +247,20 @@ class Hub:
             page.coarse.publish(np.setdiff1d(first.ids, ready.ids, assume_unique=True))
             page.wake.set()
         self._status_soon()
+
+    async def _send_geometry(self, page: Page, message: protocol.GeometryRequest) -> None:
+        """Send a page the particles that it asks for."""
+        particles, start = self._particles, message.start
+        if particles is None or message.epoch != self._epoch or page.epoch != self._epoch:
+            return  # it crossed another time step on its way, or a page that does not draw
+        if start >= len(particles):
+            raise ProtocolError(f"no particle {start}: there are {len(particles)}")
+        page.bear()
+        page.held = max(page.held, start + message.count)
+        page.post(
+            ("geometry", start),
+            functools.partial(state.geometry_part, particles, self._epoch, start, message.count, self._order),
+        )
 
     async def _set_light(self, message: protocol.SetLight) -> None:
         changes = state.light_changes(self.session, message)
@@ -254,10 +282,10 @@ class Hub:
         if session.particles.unscaled is not self._particles:
             # The first look at new particles normalises them, which takes a while for millions.
             particles = session.particles.unscaled
-            await asyncio.to_thread(SphereSet.of, particles)
+            numbers = await asyncio.to_thread(order.order_of, particles)
             if particles is self._particles:
                 return  # two pages came at once, and all is told already
-            self._particles, self._key = particles, session.key
+            self._particles, self._key, self._order = particles, session.key, numbers
             self._comparison.key = session.key_beside
             self._epoch += 1
             self._streaming.epoch = self._epoch
@@ -289,7 +317,15 @@ class Hub:
         particles = self.session.particles
         page.reset(len(particles))
         epoch = self._epoch
-        scene = functools.partial(state.scene_state, self.session, epoch, self.notice, streamed=page.streamed)
+        parted = self._order is not None and not page.streamed
+        scene = functools.partial(
+            state.scene_state,
+            self.session,
+            epoch,
+            self.notice,
+            streamed=page.streamed,
+            first=order.FIRST if parted else 0,
+        )
         page.post("scene", scene)
         page.post("light", functools.partial(state.light_state, self.session))
         page.post("status", functools.partial(state.status, self.session))
@@ -297,7 +333,8 @@ class Hub:
         if page.streamed:
             return
         page.epoch = epoch
-        for part in state.geometry(particles, epoch):
+        page.held = 0 if parted else len(particles)
+        for part in () if parted else state.geometry(particles, epoch):
             page.post(("geometry", part.start), functools.partial(_same, part))
         if self._baked_read:
             self._offer(page)

@@ -8,10 +8,12 @@ from collections.abc import Callable
 from luxel.app import baked, protocol
 from luxel.app.download import Download
 from luxel.app.feed import Feed
+from luxel.errors import ProtocolError
 from luxel.scene.view import View
 
 __all__ = ["Page"]
 
+_WAITING_MAX = 64  # messages that are not sent yet, of those that a page may ask for any number of
 _COARSE_COUNT = 8192  # records in one message: 96 kB
 
 
@@ -33,6 +35,7 @@ class Page:
         self.greeted = False
         self.streamed = False  # whether the server draws for it
         self.epoch = 0  # of the particles that it has been sent
+        self.held = 0  # how many of them it has, or will have
         self.view: View | None = None  # how the page looks at it, if it said so
         self.wake = asyncio.Event()
         self._outbox: dict[object, Callable[[], protocol.Message]] = {}
@@ -42,6 +45,17 @@ class Page:
         self._outbox.pop(key, None)
         self._outbox[key] = make
         self.wake.set()
+
+    def bear(self) -> None:
+        """Check that the page takes in what it asks for.
+
+        Raises
+        ------
+        ProtocolError
+            If too much waits for it already.
+        """
+        if len(self._outbox) >= _WAITING_MAX:
+            raise ProtocolError("a page must take in what it has asked for before it asks for more")
 
     def reset(self, count: int) -> None:
         """Forget what it wants and has: another light, or another data set of `count` particles."""

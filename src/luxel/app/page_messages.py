@@ -15,6 +15,7 @@ __all__ = [
     "ColormapRequest",
     "Compare",
     "Confirm",
+    "GeometryRequest",
     "Hello",
     "Inspect",
     "LoadView",
@@ -27,6 +28,7 @@ __all__ = [
 ]
 
 _TEXT_MAX = 4000
+_PART_MAX = 1 << 18  # particles that are asked for at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,15 +160,33 @@ class SetFrame(PageMessage):
 
 @dataclass(frozen=True, eq=False)
 class ScalarRequest(PageMessage):
-    """Send the values of a scalar."""
+    """Send the values of a scalar: all, or those of `count` particles from `start` on."""
 
     kind: ClassVar[int] = 6
     name: str
+    start: int = 0
+    count: int | None = None
 
     @classmethod
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
-        return cls(given.text("name", NAME_MAX))
+        name = given.text("name", NAME_MAX)
+        return cls(name, *_part(given)) if given.has("count") else cls(name)
+
+
+@dataclass(frozen=True, eq=False)
+class GeometryRequest(PageMessage):
+    """Send `count` particles of data set `epoch` from `start` on: where the scene says that they are to be asked for."""
+
+    kind: ClassVar[int] = 9
+    epoch: int
+    start: int
+    count: int
+
+    @classmethod
+    def read(cls, given: Given) -> Self:
+        """See :meth:`PageMessage.read`."""
+        return cls(given.whole("epoch"), *_part(given))
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,3 +265,8 @@ class Compare(PageMessage):
     def read(cls, given: Given) -> Self:
         """See :meth:`PageMessage.read`."""
         return cls(given.text("model", 64) if given.has("model") else None)
+
+
+def _part(given: Given) -> tuple[int, int]:
+    """Return the fields ``start`` and ``count``."""
+    return given.whole("start"), given.whole("count", 1, _PART_MAX)

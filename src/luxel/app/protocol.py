@@ -12,6 +12,7 @@ from luxel.app.page_messages import (
     ColormapRequest,
     Compare,
     Confirm,
+    GeometryRequest,
     Hello,
     Inspect,
     LoadView,
@@ -72,6 +73,7 @@ __all__ = [
     "DrawBy",
     "Error",
     "Geometry",
+    "GeometryRequest",
     "Hello",
     "Inspect",
     "LightState",
@@ -103,7 +105,7 @@ __all__ = [
     "decode_client",
 ]
 
-SUBPROTOCOL = "luxel.v4"
+SUBPROTOCOL = "luxel.v5"
 #: Longest message that a client may send: the ids of two million visible particles.
 CLIENT_BYTES_MAX = 8 << 20
 
@@ -114,6 +116,7 @@ ClientMessage = (
     | SetLight
     | SetFrame
     | ScalarRequest
+    | GeometryRequest
     | ColormapRequest
     | Report
     | SetView

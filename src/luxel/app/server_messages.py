@@ -53,6 +53,10 @@ class SceneState(Message):
         Whether the light is baked in, so that nobody can change it.
     streamed
         The server draws: no particles follow, and scalars come without values.
+    first
+        How many particles a page should take in at once; 0 for all, which follow. Else it asks for them, and for values of scalars, by
+        parts: so many, and then as many more as it can take. Their numbers are not those of the file: whatever has been
+        asked for from 0 on is spread evenly over the data. All ids in messages are these numbers.
     """
 
     kind: ClassVar[int] = 16
@@ -74,6 +78,7 @@ class SceneState(Message):
     light_fixed: bool = False
     notice: str = ""
     streamed: bool = False
+    first: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +144,7 @@ class Geometry(Message):
 
 @dataclass(frozen=True, eq=False)
 class Scalar(Message):
-    """Values of one scalar, (N,) float32, and their range, twice: for linear and for logarithmic scales.
+    """Values of one scalar, (K,) float32 of particles from `start` on, and the range of all, twice: for linear and for logarithmic scales.
 
     `whole` tells that the values are whole numbers, which qualitative colour maps show as codes; `missing`, that some
     are NaN. There are no values where the server draws.
@@ -153,6 +158,7 @@ class Scalar(Message):
     log_range: tuple[float, float]
     whole: bool
     missing: bool
+    start: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,6 +301,8 @@ class ParticleState(Message):
 
     Parameters
     ----------
+    number
+        Its number in the file.
     position, radius
         In file units.
     values
@@ -304,6 +312,7 @@ class ParticleState(Message):
     kind: ClassVar[int] = 51
     epoch: int
     id: int
+    number: int
     position: str
     radius: str
     values: Sequence[tuple[str, str]]

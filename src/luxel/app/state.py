@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from luxel.app import protocol
+from luxel.app.order import Order
 from luxel.arrays import as_colors
 from luxel.errors import InputError
 from luxel.light.lights import luminance_scale, pack_lights, scene_white
@@ -30,6 +31,7 @@ __all__ = [
     "beside_state",
     "colormap",
     "geometry",
+    "geometry_part",
     "light_changes",
     "light_state",
     "lights_with",
@@ -75,9 +77,9 @@ def restore(session: Session, saved: SavedView) -> tuple[View, str]:
 
 
 def scene_state(
-    session: Session, epoch: int, notice: str = "", *, streamed: bool = False
+    session: Session, epoch: int, notice: str = "", *, streamed: bool = False, first: int = 0
 ) -> protocol.SceneState:
-    """Describe the data set, without its arrays; `streamed` if they will not follow, since the server draws."""
+    """Describe the data set, without its arrays; `streamed` and `first` say whether these follow, see the message."""
     particles = session.particles.unscaled
     spheres = SphereSet.of(particles)
     names = [name for name in particles.names() if _drawable(particles, name)]
@@ -107,6 +109,7 @@ def scene_state(
         light_fixed=session.light_fixed,
         notice=notice,
         streamed=streamed,
+        first=first,
     )
 
 
@@ -146,39 +149,80 @@ def geometry(particles: Particles, epoch: int) -> Iterator[protocol.Geometry]:
         yield protocol.Geometry(epoch, start, spheres.centers[part], spheres.radii[part])
 
 
-def scalar(particles: Particles, name: str, epoch: int, with_values: bool = True) -> protocol.Scalar:
-    """Return the values of one scalar and their ranges, or the ranges alone.
+def geometry_part(
+    particles: Particles, epoch: int, start: int, count: int, order: Order | None
+) -> protocol.Geometry:
+    """Return some particles in the order that pages have them in; fewer at the end."""
+    spheres = SphereSet.of(particles.unscaled)
+    part = _part(start, count, order)
+    return protocol.Geometry(epoch, start, spheres.centers[part], spheres.radii[part])
+
+
+def _part(start: int, count: int | None, order: Order | None) -> Any:
+    """Indices of some particles in the order that pages have them in."""
+    part = slice(start, None if count is None else start + count)
+    return part if order is None else order.to_file[part]
+
+
+def scalar(
+    particles: Particles,
+    request: protocol.ScalarRequest,
+    epoch: int,
+    order: Order | None = None,
+    with_values: bool = True,
+) -> protocol.Scalar:
+    """Return values of one scalar and the ranges of all, or the ranges alone.
 
     Raises
     ------
     ScalarError
         If there is no such scalar.
     """
+    name = request.name
     values = particles.scalar(name)
-    view = View(color_by=name)
     with np.errstate(over="ignore"):
-        single = np.ascontiguousarray(values, dtype=np.float32)
+        part = np.ascontiguousarray(values[_part(request.start, request.count, order)], dtype=np.float32)
+    linear, logarithmic, missing = _ranges(particles, name)
     return protocol.Scalar(
         epoch,
         name,
-        single if with_values else single[:0],
-        view.scalar_range(particles),
-        view.with_changes(log=True).scalar_range(particles),
+        part if with_values else part[:0],
+        linear,
+        logarithmic,
         values.dtype.kind in "iu",
-        bool(np.isnan(single).any()),
+        missing,
+        request.start,
     )
 
 
-def particle(particles: Particles, k: int, epoch: int) -> protocol.ParticleState:
-    """Describe particle `k`.
+def _ranges(particles: Particles, name: str) -> tuple[tuple[float, float], tuple[float, float], bool]:
+    """Return ranges for linear and logarithmic scales, and whether there is NaN; pages ask for it part by part."""
+    derived = SphereSet.of(particles.unscaled).derived
+    key = f"ranges of {name}"
+    if key not in derived:
+        view = View(color_by=name)
+        derived[key] = (
+            view.scalar_range(particles),
+            view.with_changes(log=True).scalar_range(particles),
+            bool(np.isnan(particles.scalar(name)).any()),
+        )
+    found: tuple[tuple[float, float], tuple[float, float], bool] = derived[key]
+    return found
+
+
+def particle(
+    particles: Particles, number: int, epoch: int, order: Order | None = None
+) -> protocol.ParticleState:
+    """Describe the particle that has a number on pages.
 
     Raises
     ------
     InputError
         If there is no such particle.
     """
-    if not 0 <= k < len(particles):
-        raise InputError(f"no particle {k} — there are {len(particles)}, counted from 0")
+    if not 0 <= number < len(particles):
+        raise InputError(f"no particle {number} — there are {len(particles)}, counted from 0")
+    k = number if order is None else int(order.to_file[number])
     values = []
     for name, column in particles.scalars.items():
         labels = particles.categories.get(name, ())
@@ -189,6 +233,7 @@ def particle(particles: Particles, k: int, epoch: int) -> protocol.ParticleState
     position = particles.origin + particles.local[k]
     return protocol.ParticleState(
         epoch,
+        number,
         k,
         ", ".join(f"{x:.7g}" for x in position),
         _number_text(particles.radii[k]),

@@ -99,6 +99,7 @@ class Desk:
         self._over_budget = 0
         self._look_again = False  # once nothing waits any more
         self._hopeless: set[Kind] = set()
+        self._looking = False
 
     def select(self, light: Entries | None) -> None:
         """Withdraw all requests, and take those for another light key from now on; None for none."""
@@ -133,7 +134,7 @@ class Desk:
 
     def may_have(self, kind: Kind) -> bool:
         """Whether it is worth to ask for a kind of work; takes no lock, and never says no where there is some."""
-        fresh = self._look_again or self._version != self._cache.version
+        fresh = self._looking or self._look_again or self._version != self._cache.version
         return fresh or len(self._queues[kind]) > 0 or len(self._again) > 0
 
     @property
@@ -245,6 +246,13 @@ class Desk:
         if not again and self._version == self._cache.version:
             self._drop_lapsed(now_s)
             return
+        self._looking = True  # until it is over, `may_have` must not take unfinished queues at their word
+        try:
+            self._look(light, now_s, again)
+        finally:
+            self._looking = False
+
+    def _look(self, light: Entries, now_s: float, again: bool) -> None:
         self._version = self._cache.version
         self._look_again = False
         sightings = self._cache.sightings.copy()

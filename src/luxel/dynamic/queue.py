@@ -150,13 +150,13 @@ class RequestQueue:
         self._all = _NOTHING  # of all clients; those popped since are still among them
         self._priority: Floats = np.empty(0)
         self._taken: NDArray[np.bool_] = np.empty(0, np.bool_)
-        self._taken_count = 0
+        self._left = 0  # one number, so that whoever asks without a lock is not told nonsense
         self._run: NDArray[np.intp] = np.empty(0, np.intp)  # the best of `_all`, best first …
         self._head = 0  # … those before have been looked at
         self._stale = False  # clients changed since `_all` was made
 
     def __len__(self) -> int:
-        return len(self._all) - self._taken_count
+        return self._left
 
     @property
     def clients(self) -> list[str]:
@@ -291,12 +291,12 @@ class RequestQueue:
         self._all = requests
         self._priority = self.heuristic(requests)
         self._taken = np.zeros(len(requests), np.bool_)
-        self._taken_count = 0
+        self._left = len(requests)
         self._run, self._head = self._run[:0], 0
 
     def _take(self, place: NDArray[np.intp]) -> None:
         self._taken[place] = True
-        self._taken_count += len(place)
+        self._left -= len(place)
 
     def _sort_run(self) -> None:
         """Put the best of what waits in order; the whole would cost more than most of it is worth before it changes."""
@@ -310,7 +310,7 @@ class RequestQueue:
 
     def _settle_taken(self) -> None:
         """Take what has been popped out of all clients' requests."""
-        if self._taken_count:
+        if self._left < len(self._all):
             self._remove(self._all.ids[self._taken])
 
     def _remove(self, ids: Ids) -> None:

@@ -15,7 +15,7 @@ from luxel.kernels.sunlight import SunScratch, SunTable, sun_scratch, sunlight
 from luxel.kernels.tree_trace import scratch
 from luxel.kernels.waves import Waves, follow_paths, wave_scratch
 
-__all__ = ["RECORD", "Book", "make_records"]
+__all__ = ["RECORD", "Book", "book_scratch", "ensure_record", "is_black", "make_records", "record_towards"]
 
 #: Numbers of a record: light linear in the normal.
 RECORD = 4
@@ -118,11 +118,35 @@ def _known(records, particle):
     return known
 
 
+@kernel(inline=True, borrows=True)
+def is_black(records, particle):
+    """Whether a record found no light."""
+    record = records[particle]
+    return record[0] == 0 and record[1] == 0 and record[2] == 0 and record[3] == 0
+
+
+@kernel(inline=True, borrows=True)
+def record_towards(world, records, particle, point):
+    """Luminance of a particle at a point of its surface, by its record."""
+    record = records[particle]
+    x = point[0] - world.centers[particle, 0]
+    y = point[1] - world.centers[particle, 1]
+    z = point[2] - world.centers[particle, 2]
+    slope = (record[1] * x + record[2] * y + record[3] * z) / world.radii[particle]
+    return max(_ZERO, record[0] + slope)
+
+
+@kernel(borrows=True)
+def ensure_record(world, work, book, pad, particle):
+    """Make the record of a particle where there is none yet."""
+    if not _known(book.records, particle):
+        _make_record(world, work, book, pad, particle)
+
+
 @kernel
 def make_records(world, book, ids):
     """Make the records of particles that have none."""
     work = scratch(world.tree.stack_size)
     pad = book_scratch(book)
     for k in range(ids.shape[0]):
-        if not _known(book.records, ids[k]):
-            _make_record(world, work, book, pad, ids[k])
+        ensure_record(world, work, book, pad, ids[k])

@@ -36,8 +36,11 @@ _KEEP = np.float32(0.45)
 _TRAINING_CANDIDATES = 16_384
 _TRAINING_ROUND = 1024  # candidates looked at before asking whether enough of them are lit
 _LIT = 0.02  # of the luminance scale
-# Error told of particles in which neither their record nor a sample a texel found light, of the luminance scale.
-_DARK = 0.002
+# Particles that no light reaches but by several bounces, and that are dimmer than this by the records around them, are not
+# sampled: their mean errs less than a few samples a texel would. Of the luminance scale: two codes of 255.
+_DIM = 2 / 255
+# Errors told of those, of the luminance scale and of their level, as found on plates and foam.
+_DIM_ERROR, _DIM_SHARE = 0.002, 1.5
 # Independent drawings of one texture.
 _DRAWN, _FIRST, _SECOND = 0, 1, 2
 
@@ -73,7 +76,7 @@ class FastLight:
         self._world, self._scale, self._seed = world, scale, seed
         self._mapping, self._texels, self._samples = mapping, texels, samples
         self._lock = threading.Lock()
-        self._sets: dict[tuple[int, int], RaySets] = {}
+        self._sets: dict[tuple[int, int, int], RaySets] = {}
         self._book = RecordBook(world) if book is None else book
         self._filter: TextureFilter | None = None
 
@@ -104,16 +107,15 @@ class FastLight:
     def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (K, T, T) luminance and (K,) the standard error expected of an exposed texel."""
         learned = self._learned(1)
-        dark = self._dark(ids) if self._samples > 1 else np.zeros(len(ids), np.bool_)
-        if not dark.any():
+        levels = self._book.dim_levels(ids, self._ray_sets(1, _DRAWN, sun_samples=1))
+        dim = (levels >= 0) & (levels < _DIM * self._scale)
+        if not dim.any():
             return learned.apply(self._draw(ids, self._samples, _DRAWN))
-        luminance = np.zeros((len(ids), self._texels, self._texels), np.float32)
-        error = np.full(len(ids), _DARK * self._scale, np.float32)
-        seen, sun = self._draw(ids[dark], 1, _DRAWN, keep=np.float32(1))  # paths in the dark are long enough
-        glimpse = seen.mean if sun is None else seen.mean + sun.mean
-        rest = np.setdiff1d(np.arange(len(ids)), np.flatnonzero(dark)[~glimpse.any(axis=(1, 2))])
-        if len(rest):
-            luminance[rest], error[rest] = learned.apply(self._draw(ids[rest], self._samples, _DRAWN))
+        luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
+        luminance[dim] = levels[dim, None, None]
+        error = (_DIM_ERROR * self._scale + _DIM_SHARE * levels).astype(np.float32)
+        if not dim.all():
+            luminance[~dim], error[~dim] = learned.apply(self._draw(ids[~dim], self._samples, _DRAWN))
         return luminance, error
 
     def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -124,10 +126,6 @@ class FastLight:
         """Return the world of an independent drawing."""
         seed = (int(self._world.seed) + drawing * 0x9E3779B97F4A7C15) % 2**64
         return self._world._replace(seed=np.uint64(seed), keep=keep)
-
-    def _dark(self, ids: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Whose record saw no light."""
-        return np.asarray(~self._book.first_light(ids).any(axis=1))
 
     def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int, keep: np.float32 = _KEEP) -> Drawn:
         world = self._drawn(drawing, keep)
@@ -141,16 +139,18 @@ class FastLight:
         """Whether samples are drawn as in ``paper`` mode: unshadowed light knows no rays to share."""
         return self._world.model == LAMBERTIAN
 
-    def _ray_sets(self, samples: int, drawing: int) -> RaySets:
+    def _ray_sets(self, samples: int, drawing: int, sun_samples: int | None = None) -> RaySets:
         # Made again by two threads at once, sets come out the same.
-        key = (samples, drawing)
+        if sun_samples is None:
+            sun_samples = _SUN_SAMPLES if samples <= _SUN_SAMPLES else _MORE_SUN_SAMPLES
+        key = (samples, drawing, sun_samples)
         if key not in self._sets:
             self._sets[key] = RaySets.make(
                 self._mapping,
                 (self._texels, self._texels),
                 samples,
                 self._world.lights.suns,
-                sun_samples=_SUN_SAMPLES if samples <= _SUN_SAMPLES else _MORE_SUN_SAMPLES,
+                sun_samples=sun_samples,
                 seed=self._seed + drawing,
                 sets=_TRAINING_SETS if drawing else None,
             )

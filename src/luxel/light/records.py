@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.kernels.dim import dim_levels
 from luxel.kernels.path import World
 from luxel.kernels.records import RECORD, Book, make_records
 from luxel.light.ray_sets import texel_middles
@@ -34,3 +35,12 @@ class RecordBook:
         """Return (K, 4) float32: luminance towards unit normal n is about max(0, c0 + c1 nx + c2 ny + c3 nz), c0 >= 0."""
         make_records(self._world, self._book, ids)
         return self._book.records[ids]
+
+    def dim_levels(self, ids: NDArray[np.int32], sets: RaySets) -> NDArray[np.float32]:
+        """Return (K,) float32 mean luminance of particles that light reaches by further bounces at most; negative for others.
+
+        Which these are, and what the particles around them show, is asked with the rays of `sets`.
+        """
+        levels = np.empty(len(ids), np.float32)
+        dim_levels(self._world, self._book, sets.around, sets.suns, ids, levels)
+        return levels

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,8 @@ __all__ = ["Baker", "bake", "bake_with"]
 
 Progress = Callable[[int, int], None]
 
-_BATCH_COUNT = 32
+# Particles baked by one call: many, so that interpreter and scheduling cost nothing; but a fair share for every thread.
+_BATCH_COUNT, _LEAST_BATCH_COUNT, _BATCHES_A_THREAD = 128, 8, 8
 
 
 class Baker:
@@ -165,22 +166,16 @@ def bake_with(
     errors = np.zeros(count, np.float32)
     workers = thread_count(threads)
     baker.prepare(workers)
-    parts = [slice(k, min(k + _BATCH_COUNT, count)) for k in range(0, count, _BATCH_COUNT)]
-    done = clipped = 0
+    size = min(_BATCH_COUNT, max(_LEAST_BATCH_COUNT, count // (_BATCHES_A_THREAD * workers)))
+    parts = [slice(k, min(k + size, count)) for k in range(0, count, size)]
+    clipped = 0
     pool = ThreadPoolExecutor(workers)
     try:
-        pending = {pool.submit(baker.bake_into, ids[part], codes[part], errors[part]): part for part in parts}
-        while pending:
-            # A time-out keeps the main thread responsive to Ctrl-C.
-            finished, _ = wait(
-                pending, timeout=0.2, return_when=FIRST_EXCEPTION if progress is None else "FIRST_COMPLETED"
-            )
-            for job in finished:
-                part = pending.pop(job)
-                clipped += job.result()
-                done += part.stop - part.start
-            if progress is not None and finished:
-                progress(done, count)
+        jobs = [pool.submit(baker.bake_into, ids[part], codes[part], errors[part]) for part in parts]
+        for part, job in zip(parts, jobs, strict=True):
+            clipped += _result(job)
+            if progress is not None:
+                progress(part.stop, count)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
     return LuminanceTextures(
@@ -194,3 +189,10 @@ def bake_with(
         baker.spec.mapping,
         errors,
     )
+
+
+def _result(job: Future[int]) -> int:
+    """Wait for a job. Time-outs keep the main thread responsive to Ctrl-C."""
+    while not job.done():
+        wait([job], timeout=0.2)
+    return job.result()

@@ -1,5 +1,6 @@
 // The app: wires connection, data, picture and controls together, inside one element of whatever page it is in.
 
+import { Arrival } from "./arrival.js";
 import { Beside } from "./beside.js";
 import { Coloring } from "./coloring.js";
 import { Controls } from "./controls.js";
@@ -40,6 +41,7 @@ export class App {
     this.coloring = new Coloring(this);
     this.light = new Illumination(this);
     this.spheres = new Spheres(this);
+    this.arrival = new Arrival(this);
     this.saved = new SavedViews(this);
     this.panel = this.makePanel(host);
     this.remote = new Remote(this);
@@ -51,6 +53,7 @@ export class App {
     this.pick = new Pick(root, {
       inspect: (id) => this.connection.send(encode(KIND.inspect, { id })),
       shown: () => this.spheres.shown,
+      swell: () => this.drawing.renderer.swell,
       redraw: () => this.drawing.drawOverlay(),
     });
     new Controls(this.drawing.canvas, {
@@ -70,12 +73,17 @@ export class App {
       this.light.connected();
       this.remote.connected();
       this.screenshot.connected();
-      this.connection.send(encode(KIND.hello, { renderer: this.drawing.renderer.name.slice(0, 400), by: this.remote.by }));
+      this.introduce();
       this.beside.connected();
     };
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.coloring.drawBar(), { signal: this.closing.signal });
     this.drawing.resize();
     connection.open();
+  }
+
+  /** Say hello: the server tells everything then, and once more if it was said before. */
+  introduce() {
+    this.connection.send(encode(KIND.hello, { renderer: this.drawing.renderer.name.slice(0, 400), by: this.remote.by }));
   }
 
   /** @param {{titled?: (title: string) => void}} host */
@@ -141,17 +149,18 @@ export class App {
   takeScene(head) {
     const again = this.scene !== null && this.scene.title === head.title;
     const { drawing, viewpoint } = this;
-    const held = head.streamed ? 0 : head.count; // particles that will be here
     this.remote.reset(head);
     this.scene = head;
+    const held = this.arrival.reset(head); // particles that there will be room for here
     this.spheres.reset(held, this.light.state?.lighting.radius_scale ?? 1);
     this.coloring.reset();
-    drawing.guard(() => drawing.renderer.setScene(held, reach(head)));
+    drawing.guard(() => drawing.renderer.setScene(held, reach(head), head.first ? head.count : 0));
     this.light.reset({ ...head, count: held });
     this.beside.reset({ ...head, count: held });
     this.player.take(head.frame);
     if (again) drawing.hold();
-    if (this.pick.id >= 0) this.pick.set(again && this.pick.id < head.count ? this.pick.id : -1);
+    // Where particles come part by part, numbers change with the time step.
+    if (this.pick.id >= 0) this.pick.set(again && !head.first && this.pick.id < head.count ? this.pick.id : -1);
     this.panel.setScene(head, again);
     this.notices.trouble("notice", head.notice || null);
     if (!again || viewpoint.camera === null) {
@@ -161,6 +170,7 @@ export class App {
     drawing.film.restart();
     this.coloring.changed();
     this.coloring.toneChanged();
+    this.arrival.next();
     this.notices.show();
   }
 

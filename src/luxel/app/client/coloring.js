@@ -17,6 +17,8 @@ export class Coloring {
     this.asked = new Set();
     /** Names the values and the map that the renderer has. */
     this.current = "";
+    /** Values for the renderer, of particles from one to another. @type {((start: number, end: number) => Float32Array) | null} */
+    this.paint = null;
   }
 
   /** Whether values or the map that should be shown have not come yet. */
@@ -33,6 +35,7 @@ export class Coloring {
     this.scalars.clear();
     this.asked.clear();
     this.current = "";
+    this.paint = null;
   }
 
   /** Values are needed from now on, and some scalars came without. */
@@ -50,8 +53,14 @@ export class Coloring {
   takeScalar(head, arrays) {
     const { scene, panel } = this.app;
     if (head.epoch !== scene?.epoch) return;
+    let about = head, { values } = arrays;
+    if (this.parted) {
+      const whole = this.app.arrival.takeScalar(head, values);
+      if (whole === null) return;
+      ({ head: about, values } = whole);
+    }
     const { labels } = scene.scalars.find((/** @type {any} */ each) => each.name === head.name) ?? { labels: null };
-    this.scalars.set(head.name, { values: arrays.values, range: head.range, logRange: head.log_range, whole: head.whole, missing: head.missing, labels });
+    this.scalars.set(head.name, { values, range: about.range, logRange: about.log_range, whole: about.whole, missing: about.missing, labels });
     panel.hiding.show();
     this.app.spheres.applyHiding();
     this.changed();
@@ -79,10 +88,13 @@ export class Coloring {
     if (s.colorBy !== null && !own && lut === undefined) this.askFor(KIND.colormapRequest, s.colormap);
     if (s.colorBy === null) {
       look.uniform = true;
+      this.paint = null;
     } else if (scalar && lut) {
       const wanted = JSON.stringify([scene.epoch, s.colorBy, s.colormap, s.range, s.log]);
       if (wanted !== this.current && scalar.values.length) {
-        drawing.renderer.setValues(normalised(scalar, lut.length / 3, s.range, s.log));
+        const { range, log } = s, rows = lut.length / 3;
+        this.paint = (start, end) => normalised({ ...scalar, values: scalar.values.subarray(start, end) }, rows, range, log);
+        drawing.renderer.setValues(this.paint(0, scalar.values.length));
         drawing.renderer.setLut(lut);
         this.current = wanted;
       }
@@ -101,11 +113,22 @@ export class Coloring {
     if (channels.length < 3 || !channels[0].values.length) return;
     const wanted = JSON.stringify([this.app.scene.epoch, name, RGB]);
     if (wanted !== this.current) {
-      this.app.drawing.renderer.setValues(packed(channels));
+      this.paint = (start, end) => packed(channels.map((each) => ({ ...each, values: each.values.subarray(start, end) })));
+      this.app.drawing.renderer.setValues(this.paint(0, channels[0].values.length));
       this.current = wanted;
     }
     this.look.uniform = false;
     this.look.packed = true;
+  }
+
+  /** Particles have come, and their values before them. @param {number} start @param {number} count */
+  extend(start, count) {
+    if (this.paint !== null) this.app.drawing.renderer.setValues(this.paint(start, start + count), start);
+  }
+
+  /** Whether scalars come part by part. */
+  get parted() {
+    return this.app.arrival.active && !this.app.remote.active;
   }
 
   /** @param {number} kind @param {string} name */
@@ -113,6 +136,7 @@ export class Coloring {
     const key = `${kind} ${name}`;
     if (this.asked.has(key)) return;
     this.asked.add(key);
+    if (kind === KIND.scalarRequest && this.parted) return this.app.arrival.askFor(name);
     this.app.connection.send(encode(kind, { name }));
   }
 

@@ -106,6 +106,7 @@ export class Drawing {
     if (this.held) return this.schedule();
     this.upload();
     const more = this.film.step();
+    app.arrival.tick();
     app.notices.tick();
     app.player.tick();
     app.study.tick();
@@ -119,8 +120,8 @@ export class Drawing {
   }
 
   get held() {
-    const { spheres: { shown }, coloring } = this.app;
-    return this.film.shown === null && (shown.loaded < shown.count || coloring.waiting) && performance.now() < this.heldUntil;
+    const { spheres, coloring } = this.app;
+    return this.film.shown === null && (!spheres.complete || coloring.waiting) && performance.now() < this.heldUntil;
   }
 
   /** Send what light came to the graphics processor. */
@@ -148,7 +149,7 @@ export class Drawing {
       this.film = this.makeFilm();
       this.resize();
       if (app.scene !== null) {
-        this.renderer.setScene(app.spheres.shown.count, reach(app.scene));
+        this.renderer.setScene(app.spheres.shown.count, reach(app.scene), app.scene.first ? app.scene.count : 0);
         app.spheres.shown.dirty.all();
         app.spheres.flush();
       }

@@ -24,6 +24,7 @@ export function handle(app) {
         requested: light.requests.count, received: light.received, evicted: light.store.evicted, dropped: light.store.dropped,
         baked: light.baked?.description.kind ?? null,
         known: film.listed.central, settled: film.settled, particles: app.scene?.count ?? 0, loaded: renderer.loaded,
+        arrived: app.arrival.active ? app.arrival.done : app.spheres.complete, room: app.spheres.shown.count,
         samples: film.shown?.count ?? 0, frames: renderer.frameCount, frameMs: renderer.frameMs, fps: notices.fps,
         width: canvas.width, height: canvas.height, key: light.state?.key ?? "", model: light.state?.model ?? "",
         beside: app.beside.counts(), split: renderer.split, playing: app.player.playing, frame: app.scene?.frame ?? -1,

@@ -109,7 +109,8 @@ export class Illumination {
   takeCodec(head, arrays) {
     if (head.key !== this.state?.key) return;
     const { mapping } = this.app.scene;
-    this.baked = new BakedStore({ ...head.description, mapping, particles: head.particles, part: head.part, payload_bytes: head.payload_bytes }, arrays);
+    const particles = Math.min(head.particles, this.app.spheres.shown.count); // there may be room for a part of them only
+    this.baked = new BakedStore({ ...head.description, mapping, particles, part: head.part, payload_bytes: head.payload_bytes }, arrays);
     this.app.drawing.guard(() => this.set.setBaked(this.baked));
     this.requests.again();
     this.app.drawing.lightChanged();
@@ -119,7 +120,9 @@ export class Illumination {
   takePayload(head, arrays) {
     this.confirm("parts");
     if (head.key !== this.state?.key || this.baked === null) return;
-    this.baked.put(head.start, arrays.records);
+    const { count, description: { payload_bytes: size } } = this.baked;
+    if (head.start >= count) return;
+    this.baked.put(head.start, arrays.records.subarray(0, size * (count - head.start)));
     this.app.drawing.lightChanged();
     this.dawned();
   }

@@ -22,6 +22,9 @@ export class NoRenderer {
     this.frames = [];
     this.times = new Map();
     this.busy = false;
+    this.whole = { count: 0, ms: 0 };
+    this.particlesMax = 0;
+    this.swell = 1;
     this.frameMs = this.frameCount = this.count = this.loaded = 0;
   }
 

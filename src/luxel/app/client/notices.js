@@ -47,9 +47,10 @@ export class Notices {
     const { visible, ready, estimates, coarse, stale } = app.light.counts();
     const lambertian = app.light.state?.model === "lambertian";
     const n = (/** @type {number} */ x) => x.toLocaleString("en");
-    const { loaded, count } = app.spheres.shown;
-    const parts = [loaded < count ? `${Math.floor((100 * loaded) / count)} % of the particles are here` : `${n(visible)} visible`];
-    if (loaded < count || visible === 0) {
+    const { loaded, count } = app.spheres.shown, part = app.arrival.text;
+    const coming = part === null && loaded < count;
+    const parts = [part ?? "", coming ? `${Math.floor((100 * loaded) / count)} % of the particles are here` : `${n(visible)} visible`].filter(Boolean);
+    if (coming || visible === 0) {
       // The rest can be told once they are all here, and looked at.
     } else if (lambertian) {
       parts.push("no global light");
@@ -71,9 +72,8 @@ export class Notices {
     app.element("counts").textContent = parts.join("  ·  ");
     /** @type {HTMLProgressElement} */
     const progress = app.element("progress");
-    progress.value = loaded < count ? loaded / count : visible ? ready / visible : 0;
-    progress.parentElement?.classList.toggle("stale", stale > 0);
-    progress.hidden = loaded === count && (lambertian || ready >= visible);
+    progress.value = coming ? loaded / count : visible ? ready / visible : 0;
+    progress.hidden = !coming && (lambertian || ready >= visible);
     progress.parentElement?.classList.toggle("stale", stale > 0);
   }
 

@@ -7,7 +7,7 @@ import { finder } from "./dom.js";
 export class Pick {
   /**
    * @param {HTMLElement} root
-   * @param {{inspect: (id: number) => void, shown: () => import("./hiding.js").Shown, redraw: () => void}} host
+   * @param {{inspect: (id: number) => void, shown: () => import("./hiding.js").Shown, swell: () => number, redraw: () => void}} host
    */
   constructor(root, host) {
     this.tip = finder(root)("readout");
@@ -15,7 +15,7 @@ export class Pick {
     this.id = -1;
     /** Where it is, if it is not among the particles here. @type {{centre: import("./camera.js").Vec, radius: number} | null} */
     this.given = null;
-    /** What the server said of it. @type {{id: number, position: string, radius: string, values: [string, string][]} | null} */
+    /** What the server said of it. @type {{id: number, number: number, position: string, radius: string, values: [string, string][]} | null} */
     this.details = null;
   }
 
@@ -44,12 +44,12 @@ export class Pick {
     if (id < 0 || id >= loaded || drawn[4 * id + 3] === 0) return null;
     /** @type {import("./camera.js").Vec} */
     const centre = [spheres[4 * id], spheres[4 * id + 1], spheres[4 * id + 2]];
-    return { centre, radius: drawn[4 * id + 3] };
+    return { centre, radius: drawn[4 * id + 3] * this.host.swell() };
   }
 
   write() {
     const { details } = this;
-    const lines = [`particle ${this.id}`];
+    const lines = [`particle ${details?.number ?? this.id}`];
     if (details) lines.push(`at ${details.position}`, `radius ${details.radius}`, ...details.values.map(([name, text]) => `${name} ${text}`));
     this.tip.textContent = lines.join("\n");
   }

@@ -48,7 +48,7 @@ export class Player {
   get drawn() {
     const { scene, spheres, coloring, drawing, remote } = this.app;
     if (remote.active) return scene.frame === this.awaited && remote.current;
-    return scene.frame === this.awaited && spheres.shown.loaded === scene.count && !coloring.waiting && drawing.film.shown !== null;
+    return scene.frame === this.awaited && spheres.complete && !coloring.waiting && drawing.film.shown !== null;
   }
 
   /** Something was drawn: perhaps it is time for the next step. */

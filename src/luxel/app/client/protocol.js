@@ -1,10 +1,10 @@
 // Messages to and from the server; the other half of app/protocol.py, which describes the format.
 
-export const SUBPROTOCOL = "luxel.v4";
+export const SUBPROTOCOL = "luxel.v5";
 
 /** Kinds of messages, as numbered in app/protocol.py. */
 export const KIND = {
-  hello: 1, sighted: 2, confirm: 3, setLight: 4, setFrame: 5, scalarRequest: 6, colormapRequest: 7, report: 8,
+  hello: 1, sighted: 2, confirm: 3, setLight: 4, setFrame: 5, scalarRequest: 6, colormapRequest: 7, report: 8, geometryRequest: 9,
   scene: 16, light: 17, geometry: 18, scalar: 19, colormap: 20, tiles: 21, status: 22, error: 23, coarse: 24,
   codec: 32, payload: 33,
   setView: 40, loadView: 41, inspect: 42, view: 50, particle: 51,

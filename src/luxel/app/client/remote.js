@@ -83,6 +83,8 @@ export class Remote {
 
   /** @param {boolean} active */
   set(active) {
+    // Where particles come part by part, they have other numbers here than there.
+    if (active !== this.active && this.app.scene?.first) this.app.pick.set(-1);
     this.active = active;
     if (!active) clearTimeout(this.timer);
     if (!active) this.shown = this.picture = null;

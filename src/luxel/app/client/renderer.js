@@ -28,7 +28,9 @@ export const ALL = { listed: false, first: 0, stride: 1, filtered: true };
 /** @type {Drawn} */
 export const LISTED = { listed: true, first: 0, stride: 0, filtered: true };
 
-/** @typedef {{fence: WebGLSync, since: number, kind: string}} Frame */
+/** @typedef {{fence: WebGLSync, since: number, kind: string, count: number}} Frame */
+/** Kind of full-size frames of all particles. */
+export const WHOLE = "all 1";
 
 export class Renderer {
   /** @param {HTMLCanvasElement} canvas */
@@ -52,9 +54,12 @@ export class Renderer {
     };
     /** Shading programs, by what they are made for. @type {Map<string, Program>} */
     this.shading = new Map();
+    this.particlesMax = PARTICLES_WIDTH * gl.getParameter(gl.MAX_TEXTURE_SIZE);
     this.pointMax = gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE)[1];
     this.count = 0;
     this.loaded = 0;
+    /** Particles that those here stand for, if they are an even part of more. */
+    this.total = 0;
     /** @type {Texture | null} */
     this.spheres = null;
     this.values = new Texture(gl, "r32f", 1, 1);
@@ -69,6 +74,8 @@ export class Renderer {
     /** @type {Frame[]} */
     this.frames = [];
     this.frameMs = 16;
+    /** Milliseconds that the last full-size frame of all particles took, and how many these were. */
+    this.whole = { count: 0, ms: 0 };
     /** Milliseconds that a frame of a kind takes. @type {Map<string, number>} */
     this.times = new Map();
     this.frameCount = 0;
@@ -100,19 +107,19 @@ export class Renderer {
     this.listCount = ids.length;
   }
 
-  /** Make room for particles; they arrive by parts. @param {number} count @param {number} sceneRadius */
-  setScene(count, sceneRadius) {
+  /** Make room for particles; they arrive by parts. @param {number} count @param {number} sceneRadius @param {number} [total] see there */
+  setScene(count, sceneRadius, total = 0) {
     const { gl } = this;
     const rows = Math.max(1, Math.ceil(count / PARTICLES_WIDTH));
-    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
-    if (rows > most) {
-      throw new GraphicsError(`${count} particles are too many for this graphics driver: it takes ${most * PARTICLES_WIDTH}`);
+    if (count > this.particlesMax) {
+      throw new GraphicsError(`${count} particles are too many for this graphics driver: it takes ${this.particlesMax}`);
     }
     for (const texture of [this.spheres, this.values]) texture?.delete();
     this.spheres = new Texture(gl, "rgba32f", PARTICLES_WIDTH, rows);
     this.values = new Texture(gl, "r32f", PARTICLES_WIDTH, rows);
     this.count = count;
     this.loaded = 0;
+    this.total = total;
     this.sceneRadius = sceneRadius;
   }
 
@@ -123,9 +130,17 @@ export class Renderer {
     this.loaded = Math.max(this.loaded, start + spheres.length / 4);
   }
 
-  /** @param {Float32Array} values (N,) positions in the colour map, or packed colours; negative for no data */
-  setValues(values) {
-    uploadRows(this.values, values, 0, 1);
+  /**
+   * Factor on radii: a part of the particles fills as much space as all of them. As small as they are it would have holes, through
+   * which one sees into the dark inside.
+   */
+  get swell() {
+    return Math.cbrt(Math.max(1, this.total / Math.max(1, this.loaded)));
+  }
+
+  /** @param {Float32Array} values (K,) positions in the colour map, or packed colours; negative for no data @param {number} [start] a multiple of the texture's width */
+  setValues(values, start = 0) {
+    uploadRows(this.values, values, start, 1);
   }
 
   /** @param {Uint8Array} lut (n, 3) sRGB */
@@ -156,12 +171,13 @@ export class Renderer {
   /** Whether the graphics processor is still busy with earlier frames; also keeps the time that a frame takes. */
   get busy() {
     while (this.frames.length && signalled(this.gl, this.frames[0].fence)) {
-      const { fence, since, kind } = /** @type {Frame} */ (this.frames.shift());
+      const { fence, since, kind, count } = /** @type {Frame} */ (this.frames.shift());
       this.gl.deleteSync(fence);
       const now = performance.now();
       const took = now - Math.max(since, this.doneAt), before = this.times.get(kind) ?? took;
       this.frameMs += 0.3 * (took - this.frameMs);
       this.times.set(kind, before + 0.3 * (took - before));
+      if (kind === WHOLE) this.whole = { count, ms: took };
       this.doneAt = now;
       this.frameCount++;
     }
@@ -171,7 +187,7 @@ export class Renderer {
   /** Call after the commands of a frame. @param {string} kind */
   endFrame(kind) {
     const fence = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-    if (fence !== null) this.frames.push({ fence, since: performance.now(), kind });
+    if (fence !== null) this.frames.push({ fence, since: performance.now(), kind, count: this.loaded });
     this.gl.flush();
   }
 
@@ -187,7 +203,7 @@ export class Renderer {
       .mat3("uBasis", [...right, ...up, ...forward])
       .float("uHalf", [half * shape.width / shape.height, half])
       .float("uSize", [shape.width, shape.height]).float("uShift", shift)
-      .int("uOrthographic", camera.height === null ? 0 : 1);
+      .int("uOrthographic", camera.height === null ? 0 : 1).float("uSwell", this.swell);
   }
 
   /**

@@ -23,12 +23,13 @@ uniform vec2 uHalf;           // half extent of the picture: at distance 1, or a
 uniform vec2 uSize;           // pixels
 uniform vec2 uShift;          // where in its pixel a ray starts, from the centre, in pixels
 uniform bool uOrthographic;
+uniform float uSwell;         // factor on radii
 
 ivec2 place(int id) { return ivec2(id & 2047, id >> 11); }
 
 vec4 sphereAt(int id) {
   vec4 s = texelFetch(uSpheres, place(id), 0);
-  return vec4(((s.xyz - uEyeHigh) - uEyeLow) * uBasis, s.w);
+  return vec4(((s.xyz - uEyeHigh) - uEyeLow) * uBasis, s.w * uSwell);
 }
 
 // Nearest front face of a sphere along the ray through pixel p (lower left corner is 0), and the unit normal there.

@@ -28,10 +28,27 @@ export class Spheres {
   /** @param {any} head @param {Record<string, any>} arrays */
   takeGeometry(head, arrays) {
     if (head.epoch !== this.app.scene?.epoch) return;
+    const { arrival, coloring, drawing } = this.app;
+    if (arrival.active && !arrival.took(null, head.start)) return;
+    const first = this.shown.loaded === 0;
     this.shown.put(head.start, arrays.positions, arrays.radii);
-    this.upload();
-    this.app.drawing.film.restart();
-    this.app.drawing.schedule();
+    if (!arrival.active) {
+      this.upload();
+      drawing.film.restart();
+    } else {
+      coloring.extend(head.start, arrays.radii.length);
+      if (first) drawing.film.restart();
+      // What comes to the rest of a picture is shown together: it begins anew each time.
+      if (this.complete) this.upload();
+      else this.flush();
+    }
+    drawing.schedule();
+  }
+
+  /** Whether all particles are here that have been asked for. */
+  get complete() {
+    const { arrival } = this.app, { loaded, count } = this.shown;
+    return loaded === (arrival.active ? arrival.target : count);
   }
 
   /** What the light of the server hides and scales. @param {{hide: Condition[], radius_scale: number}} lighting */

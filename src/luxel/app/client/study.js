@@ -177,7 +177,7 @@ export class Study {
 
   /** Whether the picture of this trial is complete. */
   get ready() {
-    const { light, beside, coloring, scene, spheres, remote, drawing: { film } } = this.app;
+    const { light, beside, coloring, spheres, arrival, remote, drawing: { film } } = this.app;
     const { model } = this.trial, { shown } = film;
     if (remote.active) return this.loaded && light.state.model === model && remote.current && remote.shown.final;
     const lit = () => {
@@ -186,7 +186,7 @@ export class Study {
       if (other !== null) return other.model === model && other.ready >= visible;
       return light.state.model === model && (model === "lambertian" || ready >= visible);
     };
-    return this.loaded && spheres.shown.loaded === scene.count && !coloring.waiting && film.centralKnown
+    return this.loaded && spheres.complete && (arrival.done || !arrival.active) && !coloring.waiting && film.centralKnown
       && shown !== null && shown.epoch === film.epoch && shown.light === film.light && shown.scale === 1 && !shown.culled && shown.count >= SAMPLES && lit();
   }
 

@@ -1,0 +1,1 @@
+"""The viewer's own drawing on a graphics processor, with no browser in between."""
