@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from luxel.arrays import as_ids
 from luxel.dynamic.sightings import Ids
-from luxel.kernels.seen import are_rising
+from luxel.kernels.seen import are_rising, distances
 from luxel.trace.spheres import SphereSet
 
 __all__ = ["Look"]
@@ -69,8 +69,8 @@ class Look:
 
     def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], NDArray[np.floating] | None]:
         """Return (K,) distances from the eye in diagonals, and (K,) widths in pixels, of some of the visible particles."""
-        away = self.spheres.centers.take(ids, axis=0) - self.spheres.to_unit(self.eye)
-        distance = np.sqrt((away * away).sum(axis=1)) / self.diagonal
+        distance = np.empty(len(ids))
+        distances(self.spheres.centers, ids, self.spheres.to_unit(self.eye), 1 / self.diagonal, distance)
         if self.pixels is None:
             return distance, None
         return distance, self.pixels[np.searchsorted(self.visible, ids)]

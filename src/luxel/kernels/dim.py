@@ -34,7 +34,10 @@ def _sees_light(world, work, near, known, site, sun_table, suns, values, light, 
     light2[:] = _ZERO
     seen[:] = 0
     sunlight(world, work, near, known, site, sun_table, suns, light, light2, seen)
-    return light.max() > 0
+    for t in range(light.shape[0]):  # no light.max(): Numba's allocates, which depends on what was compiled before
+        if light[t] > 0:
+            return True
+    return False
 
 
 @kernel

@@ -9,7 +9,7 @@ from luxel.kernels.jit import kernel
 from luxel.kernels.memory import prefetch
 from luxel.kernels.simd import trailing_zeros
 
-__all__ = ["are_rising", "count_slots", "list_seen", "note_sighting", "slot_hash"]
+__all__ = ["are_rising", "count_slots", "distances", "list_seen", "note_sighting", "slot_hash"]
 
 _AHEAD = 24  # particles: what is asked for so early is there in time
 
@@ -99,3 +99,12 @@ def note_sighting(ids, slot, state, stored, wanting, stamps, number):
                 stamps[s] = number
                 hits += 1
     return hits, lacking
+
+
+@kernel
+def distances(centers, ids, eye, scale, found):
+    """Write to `found` (K,) float64 how far the centres of particles `ids` (K,) are from `eye` (3,), times `scale`; `centers` is (N, 3)."""
+    for k in range(ids.shape[0]):
+        i = ids[k]
+        x, y, z = centers[i, 0] - eye[0], centers[i, 1] - eye[1], centers[i, 2] - eye[2]
+        found[k] = scale * np.sqrt(x * x + y * y + z * z)
