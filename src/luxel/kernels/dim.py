@@ -34,10 +34,12 @@ def _sees_light(world, work, near, known, site, sun_table, suns, values, light, 
     light2[:] = _ZERO
     seen[:] = 0
     sunlight(world, work, near, known, site, sun_table, suns, light, light2, seen)
-    for t in range(light.shape[0]):  # no light.max(): Numba's allocates, which depends on what was compiled before
-        if light[t] > 0:
-            return True
-    return False
+    lit = False
+    for t in range(
+        light.shape[0]
+    ):  # no light.max(): Numba's allocates, and whether that compiles here depends on what was compiled before
+        lit |= light[t] > 0
+    return lit
 
 
 @kernel
