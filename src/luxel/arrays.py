@@ -111,7 +111,11 @@ def as_ids(ids: ArrayLike | None, count: int, what: str = "ids") -> NDArray[np.i
         raise InputError(
             f"{what} must be a list of whole numbers, got shape {values.shape} and dtype {values.dtype}"
         )
-    if values.size and (values.min() < 0 or values.max() >= count):
+    if values.dtype == np.int32:  # one look at each: as unsigned numbers, negative ones are the largest
+        outside = values.size and values.view(np.uint32).max() >= count
+    else:
+        outside = values.size and (values.min() < 0 or values.max() >= count)
+    if outside:
         raise InputError(f"{what} must lie in 0..{count - 1}, got {values.min()}..{values.max()}")
     return np.ascontiguousarray(values, dtype=np.int32)
 

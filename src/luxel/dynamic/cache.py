@@ -21,16 +21,16 @@ from luxel.dynamic.entries import (
     FAILED,
     FULL,
     LIT,
-    QUEUED,
+    STORED,
+    WANTING,
     Counts,
     Entries,
-    grade_of,
-    work_of,
 )
 from luxel.dynamic.shard import Shard, kept_slots
 from luxel.dynamic.sightings import Ids, Sighting, by_shard, shard_of
 from luxel.dynamic.slot_table import SlotTable
 from luxel.errors import InputError
+from luxel.kernels.seen import note_sighting
 from luxel.light.mapping import Mapping
 from luxel.textures.textures import FIRST_LIGHT, NO_COARSE, Encoding, TextureTable, decoding_table
 
@@ -223,18 +223,16 @@ class TextureCache:
         self.sightings[sighting.client] = sighting
         self.version = self.next_number()
         self._number = sighting.number
-        slots = light.table.live.take(ids)
-        there = slots >= 0
         arena = self._arena
         assert arena is not None  # there is a light key
-        # A slot may change hands between the two lines: then another texture counts as seen, which does no harm.
-        arena.seen[slots[there]] = sighting.number
-        hits = int(np.count_nonzero(there))
+        # A slot may change hands while it is looked at: then another texture counts as seen, which does no harm.
+        hits, lacking = note_sighting(
+            ids, light.table.live, light.state, STORED, WANTING, arena.seen, sighting.number
+        )
         with self._seen_lock:
             self._hits += hits
             self._misses += len(ids) - hits
-        state = light.state.take(ids)
-        return int(np.count_nonzero((grade_of(state) < FULL) & (work_of(state) <= QUEUED)))
+        return int(lacking)
 
     def next_number(self) -> int:
         """Return a number that was not there before, for a sighting."""

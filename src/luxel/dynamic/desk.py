@@ -15,10 +15,10 @@ from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.entries import (
     DAWNING,
     ESTIMATE,
-    FULL,
     LIT,
     NONE,
     QUEUED,
+    WANTING,
     Entries,
     grade_of,
     work_of,
@@ -61,6 +61,8 @@ class Piece:
 
 # Fewer are not worth a piece of work of their own: every fourth goes to those who have waited longest, and new ones would wait for many.
 _LEAST = {Kind.FIRST_LIGHT: 32}
+# While there is something to do, newer sightings wait so long: many workers would spend more on what each frame has seen than on light.
+_SEE_EVERY_S = 0.02
 
 
 class Desk:
@@ -94,6 +96,7 @@ class Desk:
         self._again: deque[tuple[Kind, int]] = deque()
         self._light: Entries | None = None
         self._version = -1
+        self._looked_s = -math.inf  # when sightings were taken in
         self._taken_in: dict[str, int] = {}
         self._over_budget = 0
         self._look_again = False  # once nothing waits any more
@@ -127,7 +130,7 @@ class Desk:
         Second attempts have waited longest of all.
         """
         with self._lock:
-            self._refresh(now_s)
+            self._refresh(now_s, patient=True)
             found = {kind: self._queues[kind].oldest_s for kind in kinds if len(self._queues[kind])}
             return found | {kind: -math.inf for kind, _ in self._again if kind in kinds}
 
@@ -164,7 +167,7 @@ class Desk:
         with self._lock:
             if light is not self._light:
                 return None
-            self._refresh(now_s)
+            self._refresh(now_s, patient=True)
             for _ in range(len(self._again)):
                 tried, particle = self._again.popleft()
                 if tried is kind:
@@ -236,8 +239,11 @@ class Desk:
             other = Kind.REFINEMENT if kind is Kind.FIRST_TEXTURE else Kind.FIRST_TEXTURE
             self._release(kind, np.setdiff1d(ids, self._queues[other].ids, assume_unique=True))
 
-    def _refresh(self, now_s: float) -> None:
-        """Take in what frames have sighted, drop what lapsed, and give up what there is no room for."""
+    def _refresh(self, now_s: float, *, patient: bool = False) -> None:
+        """Take in what frames have sighted, drop what lapsed, and give up what there is no room for.
+
+        If `patient`, and there is something to do, what was sighted just after the last time may wait.
+        """
         light = self._light
         if light is None:
             return
@@ -292,22 +298,22 @@ class Desk:
 
     def _ask(self, light: Entries, sighting: Sighting) -> None:
         ids = sighting.part(self.number, len(self._cache.shards))
-        state = light.state[ids]
-        unfinished = (grade_of(state) < FULL) & (work_of(state) <= QUEUED)
-        ids, state = ids[unfinished], state[unfinished]
+        state = light.state.take(ids)
+        wanting = WANTING.take(state)
+        ids, state = ids[wanting], state[wanting]
         distance, pixels = sighting.measure(ids)
         distance = np.asarray(distance, np.float64)
         width = np.zeros(len(ids)) if pixels is None else np.asarray(pixels, np.float64)
-        grade, work = grade_of(state), work_of(state)
-        small = np.zeros(len(ids), np.bool_) if pixels is None else width < self.small_pixels
-        open_ones = grade < np.where(small, ESTIMATE, FULL)
+        bare = grade_of(state) == NONE
+        content = ~bare & (width < self.small_pixels) if pixels is not None else np.zeros(len(ids), np.bool_)
         asked = {
-            Kind.FIRST_LIGHT: open_ones & (grade == NONE) & ((state & np.uint8(LIT | DAWNING)) == 0),
-            Kind.FIRST_TEXTURE: open_ones & (grade == NONE),
-            Kind.REFINEMENT: open_ones & (grade != NONE),
+            Kind.FIRST_LIGHT: bare & ((state & np.uint8(LIT | DAWNING)) == 0),
+            Kind.FIRST_TEXTURE: bare,
+            Kind.REFINEMENT: ~(bare | content),
         }
         if not len(light.coarse):
             asked[Kind.FIRST_LIGHT][:] = False
+        work = work_of(state)
         for kind, chosen in asked.items():
             if kind in self._hopeless:
                 chosen[:] = False

@@ -23,6 +23,8 @@ __all__ = [
     "LIT",
     "NONE",
     "QUEUED",
+    "STORED",
+    "WANTING",
     "Counts",
     "Entries",
     "grade_of",
@@ -50,6 +52,13 @@ def work_of(state: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def grade_of(state: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Part of states that says which texture there is: `NONE`, `ESTIMATE` or `FULL`."""
     return (state & np.uint8(_GRADE)) >> np.uint8(GRADE_SHIFT)
+
+
+_STATES = np.arange(256, dtype=np.uint8)
+#: (256,) bool: states in which there is a texture.
+STORED: NDArray[np.bool_] = grade_of(_STATES) > NONE
+#: (256,) bool: states in which something is left to do that nobody does yet.
+WANTING: NDArray[np.bool_] = (grade_of(_STATES) < FULL) & (work_of(_STATES) <= QUEUED)
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.arrays import as_ids
 from luxel.dynamic.sightings import Ids
+from luxel.kernels.seen import are_rising, distances
 from luxel.trace.spheres import SphereSet
 
 __all__ = ["Look"]
@@ -22,7 +25,7 @@ class Look:
     spheres
         All particles.
     eye
-        (3,) in normalised units.
+        (3,) in file units.
     diagonal
         Of the scene, in normalised units.
     visible
@@ -43,22 +46,31 @@ class Look:
         spheres: SphereSet,
         eye: NDArray[np.float64],
         diagonal: float,
-        ids: Ids,
+        ids: NDArray[Any],
         pixels: NDArray[np.float32] | None,
     ) -> Look:
-        """Make a look of ids in any order, with repetitions; `ids` may change afterwards."""
-        rises = ids[1:] > ids[:-1]
-        if rises.all():
+        """Make a look of ids in any order, with repetitions; `ids` may change afterwards.
+
+        Raises
+        ------
+        InputError
+            For ids that are not those of particles.
+        """
+        count = len(spheres.centers)
+        plain = ids.dtype == np.int32 and ids.ndim == 1 and ids.flags.c_contiguous
+        if plain and are_rising(ids, count):
             return cls(spheres, eye, diagonal, ids.copy(), pixels)
+        ids = as_ids(ids, count)
         order = np.argsort(ids, kind="stable")
         ids = ids[order]
-        first = np.concatenate([[True], ids[1:] > ids[:-1]])
+        first = np.ones(len(ids), np.bool_)
+        first[1:] = ids[1:] > ids[:-1]
         return cls(spheres, eye, diagonal, ids[first], None if pixels is None else pixels[order[first]])
 
     def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], NDArray[np.floating] | None]:
         """Return (K,) distances from the eye in diagonals, and (K,) widths in pixels, of some of the visible particles."""
-        away = self.spheres.centers.take(ids, axis=0) - self.eye
-        distance = np.sqrt((away * away).sum(axis=1)) / self.diagonal
+        distance = np.empty(len(ids))
+        distances(self.spheres.centers, ids, self.spheres.to_unit(self.eye), 1 / self.diagonal, distance)
         if self.pixels is None:
             return distance, None
         return distance, self.pixels[np.searchsorted(self.visible, ids)]

@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from luxel.kernels import FIRST_LIGHT
+from luxel.kernels import FIRST_LIGHT, STALE
 from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
-from luxel.kernels.memory import prefetch, take
+from luxel.kernels.memory import claim, prefetch, take
+from luxel.kernels.seen import slot_hash
 from luxel.kernels.simd import LANES, fma, load, splat, store, vmax, vsqrt
 from luxel.kernels.textured import (
     APART,
@@ -45,9 +46,10 @@ from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, place_of, trace_til
 from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
-__all__ = ["Bench", "Skin", "draw_frame", "make_bench"]
+__all__ = ["TALLIES", "Bench", "Skin", "draw_frame", "make_bench"]
 
 _ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))
+TALLIES = 5
 
 
 class Bench(NamedTuple):
@@ -57,6 +59,7 @@ class Bench(NamedTuple):
     rays: Scratch
     spare: np.ndarray
     opened: Opened
+    tally: np.ndarray  # (TALLIES,) int64
     hits: tuple  # three Hits: of the tiles whose particles, slots, and textures are under way
 
 
@@ -69,8 +72,14 @@ def make_bench(stack_size: int, words: int) -> Bench:
         )
         for _ in range(3)
     ]
-    spare = np.zeros(8 * LANES, np.float32)
-    return Bench(make_tile(stack_size), scratch(stack_size), spare, make_opened(words), tuple(hits))
+    return Bench(
+        make_tile(stack_size),
+        scratch(stack_size),
+        np.zeros(8 * LANES, np.float32),
+        make_opened(words),
+        np.zeros(TALLIES, np.int64),
+        tuple(hits),
+    )
 
 
 @kernel(inline=True, borrows=True)
@@ -78,6 +87,7 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
     """Note which particles the rays of a tile hit, and where; ask where their textures lie."""
     spheres, ids, found = tree.spheres, tree.ids, tile.found
     words, who, slot = hits.words, hits.who, hits.slot
+    watched = seen.shape[0] > 0
     for j in range(RAYS):
         place = found[j]
         column, row = place_of(j)
@@ -94,8 +104,8 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
         prefetch(skin.colors, i * 12)
         if textured:
             prefetch(skin.slot, i * 4)
-        if seen.shape[0] > 0:
-            seen[i] = 1
+            if watched:
+                prefetch(seen, i)
     for v in range(0, RAYS, LANES):
         t = load(words, T + v)
         dx, dy, dz = (
@@ -118,18 +128,31 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
 
 
 @kernel(inline=True, borrows=True)
-def _find(hits, skin):
+def _find(hits, skin, seen, tally):
     """Note where the textures of a tile's particles lie; ask for them."""
     words, who, slot = hits.words, hits.who, hits.slot
     side = side_of(skin.texels)
+    watched = seen.shape[0] > 0
+    last = np.int32(-1)
     for v in range(0, RAYS, LANES):
         count = 0
         for j in range(v, v + LANES):
-            if who[j] >= 0:
-                slot[j] = skin.slot[who[j]]
-                count += slot[j] >= 0
-                if slot[j] == FIRST_LIGHT:
-                    prefetch(skin.coarse, who[j] * 16)
+            i = who[j]
+            if i < 0:
+                continue
+            s = skin.slot[i]
+            slot[j] = s
+            count += s >= 0
+            if s == FIRST_LIGHT:
+                prefetch(skin.coarse, i * 16)
+            # Read before it is written: a line that all threads write goes back and forth between them.
+            if watched and i != last and seen[i] == 0 and claim(seen, i):
+                tally[0] += 1
+                tally[1] += (s >= 0) & (s < STALE)
+                tally[2] += s == FIRST_LIGHT
+                tally[3] += s >= STALE
+                tally[4] += slot_hash(i, s)
+            last = i
         hits.textured[v // LANES] = count
         if count:
             nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
@@ -251,7 +274,8 @@ def draw_frame(
     picture
         (H, W, 3) uint8, developed by `tone`; or (0, 0, 3), then nothing is.
     counter
-        (1,) int64, the first block; 0 before the first call.
+        (1 + TALLIES,) int64: the first block, and of the particles newly marked in `seen` how many there are, have a texture, first light only, a
+        texture of another light, and the sum of hashes of their slots. All 0 before the first call.
     edge
         Tiles along the side of a block.
     """
@@ -260,10 +284,11 @@ def draw_frame(
     side = edge * TILE
     across, down = (width + side - 1) // side, (height + side - 1) // side
     traced, found, ready = bench.hits
+    bench.tally[:] = 0
     while True:
         block = take(counter, 1)
         if block >= across * down:
-            return
+            break
         left, top = block % across * side, block // across * side
         right, bottom = min(left + side, width), min(top + side, height)
         columns = (right - left + TILE - 1) // TILE
@@ -287,8 +312,10 @@ def draw_frame(
                     tree, lights, eye, bench, skin, ready, step, textured, shadows, first, total, ready_x, ready_y
                 )  # fmt: skip
             if textured and found_x >= 0:
-                _find(found, skin)
+                _find(found, skin, seen, bench.tally)
             traced, found, ready = ready, traced, found
             ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:
             develop_block(total, rays, tone, left, right, top, bottom, picture)
+    for k in range(TALLIES):
+        take(counter[1 + k :], bench.tally[k])

@@ -139,9 +139,9 @@ def draw_rays(
     rays: int = 1,
     tone: Tone | None = None,
     picture: NDArray[np.uint8] = NO_PICTURE,
-) -> None:
-    """Send one ray through every pixel; see :func:`luxel.kernels.frame.draw_frame`."""
-    counter = np.zeros(1, np.int64)
+) -> list[int]:
+    """Send one ray through every pixel, see :func:`luxel.kernels.frame.draw_frame`; return what it counts."""
+    counter = np.zeros(1 + frame.TALLIES, np.int64)
     edge = _block_edge(total.shape[1], total.shape[0], crew.threads)
     if tone is None:
         tone = _untoned()
@@ -155,6 +155,8 @@ def draw_rays(
             )  # fmt: skip
 
     crew.run(work)
+    counts: list[int] = counter[1:].tolist()
+    return counts
 
 
 def _block_edge(width: int, height: int, threads: int) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels.seen import gather_seen, slots_digest
+from luxel.kernels.seen import count_slots, list_seen
 from luxel.kernels.tone import develop_rows
 from luxel.light.lights import pack_lights
 from luxel.particles import Particles
@@ -322,15 +322,15 @@ class Frames:
         moved, changed, toned = self._prepare(scene, source.key)
         if moved:
             self._forget(len(scene.particles))
-        elif slots_digest(self._found[: self._count], table.slot) != self._digest:
+        elif count_slots(self._found[: self._count], table.slot)[-1] != self._digest:
             changed = True
         told = self._told == (source.key, self._count)
         drawn = self._next_pass(moved, changed)
         self._rested = drawn is None
         picture = None
         if drawn is not None:
-            picture = self._add_ray(drawn, table)
-            self._gather(table)
+            picture, counts = self._add_ray(drawn, table)
+            self._gather(table, counts if moved else None)
         elif changed:
             self._gather(table)
         self._tell(source, scene)
@@ -513,13 +513,13 @@ class Frames:
             total = np.empty((height, width, 5), np.float32)
         return _Pass(total, moving, want)
 
-    def _add_ray(self, current: _Pass, table: TextureTable) -> NDArray[np.uint8] | None:
-        """Send one ray through every pixel; return the picture, if this changes what is shown."""
+    def _add_ray(self, current: _Pass, table: TextureTable) -> tuple[NDArray[np.uint8] | None, list[int]]:
+        """Send one ray through every pixel; return the picture, if this changes what is shown, and counts of what is newly seen."""
         shift = (0.5, 0.5) if current.moving else self._shifts[current.count]
         current.count += 1
         picture = self._canvas() if current.count >= current.want else None
         textured = self.shading == "textures"
-        draw_rays(
+        counts = draw_rays(
             self._tree,
             self._lights,
             self._eye,
@@ -539,12 +539,15 @@ class Frames:
         if picture is not None and current is self._growing:
             assert self._shown is not None
             self._spare, self._shown, self._growing = self._shown.total, current, None
-        return picture
+        return picture, counts
 
-    def _gather(self, table: TextureTable) -> None:
-        """List what has been seen since the camera moved."""
+    def _gather(self, table: TextureTable, counts: list[int] | None = None) -> None:
+        """List what has been seen since the camera moved; `counts` are of all that, if known."""
         if self.shading == "textures":
-            self._count, *lit, self._digest = gather_seen(self._seen, table.slot, self._found)
+            self._count = list_seen(self._seen, self._found)
+            *lit, self._digest = (
+                count_slots(self._found[: self._count], table.slot) if counts is None else counts[1:]
+            )
             self._lit = lit[0], lit[1], lit[2]
 
     def _tell(self, source: TextureSource, scene: Scene) -> None:

@@ -249,13 +249,12 @@ class Session:
             lit, engine = beside, self._engine_beside
         if (key is not None and key != lit.key) or lit.scene.model == "lambertian":
             return
-        visible = as_ids(np.asarray(ids), len(lit.scene.particles))
+        visible = np.asarray(ids)
         width = None if pixels is None else np.array(pixels, dtype=np.float32)
         if width is not None and width.shape != visible.shape:
             raise InputError(f"pixels must have shape {visible.shape} as ids have, got {width.shape}")
         spheres = SphereSet.of(lit.scene.particles)
-        at = spheres.to_unit(as_vector(eye, "eye"))
-        look = Look.at(spheres, at, lit.diagonal, visible, width)
+        look = Look.at(spheres, as_vector(eye, "eye"), lit.diagonal, visible, width)
         if engine.request(lit.key, look.visible, look, client) and self._driver is not None:
             self._driver.wake()
 
