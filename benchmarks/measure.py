@@ -55,6 +55,11 @@ def ratio(slow: list[float], fast: list[float]) -> tuple[float, float, float]:
     return statistics.median(pairs), min(pairs), max(pairs)
 
 
+def verdict(met: bool) -> str:
+    """What a table says of a target."""
+    return "met" if met else "MISSED"
+
+
 def report(title: str, rows: list[dict[str, Any]], as_json: bool) -> None:
     """Print rows as a table or as JSON, with the machine."""
     if as_json:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels.lookup import LearntTexels
+from luxel.kernels.lookup import LearntTexels, linear_rows, readable
 from luxel.textures.codecs.linear import PCACodec
 from luxel.textures.codecs.moments import Moments
 
@@ -129,7 +129,7 @@ class Compressor:
 
     def lookup(self, records: NDArray[np.uint8]) -> LearntTexels:
         """Return what kernels read texels of these records from. Records that come later may need newer `bases`."""
-        return self.bases._replace(records=records)
+        return self.bases._replace(records=readable(records))
 
     def _place(self) -> int | None:
         """Where a new basis goes; None if records name all of them."""
@@ -149,16 +149,15 @@ class Compressor:
 
     def _table(self) -> LearntTexels:
         """All bases side by side; made anew with every one, so that frames keep what they have."""
+        none = np.empty((0, self.components), np.uint8)
+        found = [codec.lookup(none) for codec in self._codecs]
         size = self.texels * self.texels
-        shape = max(1, len(self._codecs)), size
-        table = LearntTexels(
+        rows = [each.rows for each in found] or [
+            linear_rows(np.zeros((size, self.components)), np.zeros(size))
+        ]
+        return LearntTexels(
             np.empty((0, self.record_bytes), np.uint8),
-            np.zeros((*shape, self.components), np.float32),
-            np.zeros(shape, np.float32),
-            np.zeros(shape[0], np.float32),
+            np.stack(rows),
+            np.array([int(each.shift) for each in found] or [0], np.int32),
             self.texels,
         )
-        for k, codec in enumerate(self._codecs):
-            one = codec.lookup(np.empty((0, self.components), np.uint8))
-            table.basis[k], table.offset[k], table.unit[k] = one.basis, one.offset, one.unit
-        return table

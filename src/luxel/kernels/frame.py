@@ -11,49 +11,43 @@ from typing import NamedTuple
 
 import numpy as np
 
-from luxel.kernels import FIRST_LIGHT, STALE
+from luxel.kernels import FIRST_LIGHT
 from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
-from luxel.kernels.lookup import four_codes, prefetch_texels, side_of
+from luxel.kernels.lookup import prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
 from luxel.kernels.memory import prefetch, take
-from luxel.kernels.simd import LANES, any_lane, fma, load, select, splat, store, vmax, vmin, vsqrt
+from luxel.kernels.simd import LANES, fma, load, splat, store, vmax, vsqrt
+from luxel.kernels.textured import (
+    APART,
+    DX,
+    DY,
+    DZ,
+    LIGHT,
+    NX,
+    NY,
+    NZ,
+    PLACE,
+    RADIUS,
+    WEIGHT,
+    Hits,
+    Opened,
+    Skin,
+    T,
+    X,
+    Y,
+    Z,
+    light_textures,
+    make_opened,
+    open_textures,
+)
 from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, place_of, trace_tile
 from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
 __all__ = ["Bench", "Skin", "draw_frame", "make_bench"]
 
-_ZERO, _QUARTER, _ONE, _TWO = (np.float32(x) for x in (0, 0.25, 1, 2))
-# Rays closer than so many radii read textures at one point; the filter opens up over as much again.
-_FINE = np.float32(0.2)
-# Cosine² between normal and ray that the filter keeps to: beyond, a pixel shows more of what lies behind.
-_LIMB = np.float32(0.19)
-_PLACE = STALE - 1
-
-# Fields of `Hits.words`, RAYS words each.
-(_NX, _NY, _NZ, _DX, _DY, _DZ, _X, _Y, _Z, _T, _RADIUS, _LIGHT, _WEIGHT, _APART) = (RAYS * k for k in range(14))  # fmt: skip
-
-
-class Skin(NamedTuple):
-    """What particles look like; see :class:`luxel.textures.textures.TextureTable`."""
-
-    slot: np.ndarray
-    texels: np.ndarray
-    decoding: np.ndarray
-    coarse: np.ndarray
-    colors: np.ndarray  # (N, 3) float32 linear
-    mapping: int
-
-
-class Hits(NamedTuple):
-    """What the rays of one tile have hit."""
-
-    words: np.ndarray
-    corners: np.ndarray  # (4 · 64,) int32 texels around each point
-    who: np.ndarray  # (64,) int32 particle, -1 for none
-    slot: np.ndarray  # (64,) int32 its texture, negative for none
-    textured: np.ndarray  # (4,) int32 how many of each sixteen have a texture
+_ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))
 
 
 class Bench(NamedTuple):
@@ -62,11 +56,12 @@ class Bench(NamedTuple):
     tile: Tile
     rays: Scratch
     spare: np.ndarray
+    opened: Opened
     hits: tuple  # three Hits: of the tiles whose particles, slots, and textures are under way
 
 
-def make_bench(stack_size: int) -> Bench:
-    """Allocate the working memory of one thread; not a kernel."""
+def make_bench(stack_size: int, words: int) -> Bench:
+    """Allocate the working memory of one thread, for textures of so many ``lookup.opened_words``; not a kernel."""
     hits = [
         Hits(
             np.zeros(16 * RAYS, np.float32),
@@ -74,7 +69,8 @@ def make_bench(stack_size: int) -> Bench:
         )
         for _ in range(3)
     ]
-    return Bench(make_tile(stack_size), scratch(stack_size), np.zeros(8 * LANES, np.float32), tuple(hits))
+    spare = np.zeros(8 * LANES, np.float32)
+    return Bench(make_tile(stack_size), scratch(stack_size), spare, make_opened(words), tuple(hits))
 
 
 @kernel(inline=True, borrows=True)
@@ -87,38 +83,38 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
         column, row = place_of(j)
         if place < 0 or tx + column >= width or ty + row >= height:
             who[j], slot[j] = -1, -1
-            words[_X + j], words[_Y + j], words[_Z + j] = _ZERO, _ZERO, _ZERO
-            words[_RADIUS + j], words[_T + j] = _ONE, _ONE
+            words[X + j], words[Y + j], words[Z + j] = _ZERO, _ZERO, _ZERO
+            words[RADIUS + j], words[T + j] = _ONE, _ONE
             continue
         i = ids[place]
         who[j], slot[j] = i, -1
-        words[_X + j], words[_Y + j] = spheres[place - 4 * LANES], spheres[place - 3 * LANES]
-        words[_Z + j], words[_RADIUS + j] = spheres[place - 2 * LANES], spheres[place - LANES]
-        words[_T + j] = tile.best[j]
+        words[X + j], words[Y + j] = spheres[place - 4 * LANES], spheres[place - 3 * LANES]
+        words[Z + j], words[RADIUS + j] = spheres[place - 2 * LANES], spheres[place - LANES]
+        words[T + j] = tile.best[j]
         prefetch(skin.colors, i * 12)
         if textured:
             prefetch(skin.slot, i * 4)
         if seen.shape[0] > 0:
             seen[i] = 1
     for v in range(0, RAYS, LANES):
-        t = load(words, _T + v)
+        t = load(words, T + v)
         dx, dy, dz = (
             load(tile.rays, 3 * RAYS + v),
             load(tile.rays, 4 * RAYS + v),
             load(tile.rays, 5 * RAYS + v),
         )
-        nx = fma(t, dx, load(tile.rays, v) - load(words, _X + v))
-        ny = fma(t, dy, load(tile.rays, RAYS + v) - load(words, _Y + v))
-        nz = fma(t, dz, load(tile.rays, 2 * RAYS + v) - load(words, _Z + v))
+        nx = fma(t, dx, load(tile.rays, v) - load(words, X + v))
+        ny = fma(t, dy, load(tile.rays, RAYS + v) - load(words, Y + v))
+        nz = fma(t, dz, load(tile.rays, 2 * RAYS + v) - load(words, Z + v))
         scale = splat(_ONE) / vsqrt(vmax(fma(nx, nx, fma(ny, ny, nz * nz)), splat(np.float32(1e-30))))
         nx, ny, nz = nx * scale, ny * scale, nz * scale
-        store(words, _NX + v, nx)
-        store(words, _NY + v, ny)
-        store(words, _NZ + v, nz)
-        store(words, _DX + v, dx)
-        store(words, _DY + v, dy)
-        store(words, _DZ + v, dz)
-        store(words, _RADIUS + v, vsqrt(load(words, _RADIUS + v)))
+        store(words, NX + v, nx)
+        store(words, NY + v, ny)
+        store(words, NZ + v, nz)
+        store(words, DX + v, dx)
+        store(words, DY + v, dy)
+        store(words, DZ + v, dz)
+        store(words, RADIUS + v, vsqrt(load(words, RADIUS + v)))
 
 
 @kernel(inline=True, borrows=True)
@@ -136,78 +132,13 @@ def _find(hits, skin):
                     prefetch(skin.coarse, who[j] * 16)
         hits.textured[v // LANES] = count
         if count:
-            nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
-            texel_corners(skin.mapping, side, nx, ny, nz, words[_APART:], hits.corners, v)
+            nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
+            texel_corners(skin.mapping, side, nx, ny, nz, words[APART:], hits.corners, v)
             for j in range(v, v + LANES):
                 if slot[j] >= 0:
-                    place = slot[j] & _PLACE
+                    place = slot[j] & PLACE
                     prefetch_texels(skin.texels, place, hits.corners[j])
                     prefetch_texels(skin.texels, place, hits.corners[2 * CORNER_STRIDE + j])
-
-
-@kernel(inline=True, borrows=True)
-def _reaches(eye, step, t, dx, dy, dz, radius):
-    """How far beside their hits sixteen rays read, in radii: a quarter of the distance between rays, 0 where they lie close."""
-    right = np.sqrt(eye.right[0] * eye.right[0] + eye.right[1] * eye.right[1] + eye.right[2] * eye.right[2])
-    gap = step * right / radius
-    if not eye.orthographic:
-        gap = gap * t * fma(dx, splat(eye.forward[0]), fma(dy, splat(eye.forward[1]), dz * eye.forward[2]))
-    return _QUARTER * gap * vmin(splat(_ONE), vmax(splat(_ZERO), gap / _FINE - _ONE))
-
-
-@kernel(inline=True, borrows=True)
-def _light_textures(eye, skin, hits, v, step):
-    """Write the light of those of sixteen rays whose particle has a texture (paper 3.4).
-
-    Where rays lie far apart (`step`), it is the mean over what a ray stands for: four points around its hit, in the
-    plane of the picture, so that their normals spread towards the limb. Without it, particles a few pixels wide
-    sparkle: neighbouring rays fall on unrelated texels.
-    """
-    words, corners, decoding = hits.words, hits.corners, skin.decoding
-    zero, one = splat(_ZERO), splat(_ONE)
-    dx, dy, dz = load(words, _DX + v), load(words, _DY + v), load(words, _DZ + v)
-    nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
-    reach = zero
-    if step > 0:
-        reach = _reaches(eye, step, load(words, _T + v), dx, dy, dz, load(words, _RADIUS + v))
-    # Axes across the ray, and the part of the normal across it: where on its disc the sphere is hit.
-    along = fma(nx, dx, fma(ny, dy, nz * dz))
-    qx, qy, qz = nx - along * dx, ny - along * dy, nz - along * dz
-    ax, ay, az = splat(eye.right[0]), splat(eye.right[1]), splat(eye.right[2])
-    scale = splat(_ONE) / vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
-    ax, ay, az = ax * scale, ay * scale, az * scale
-    along = fma(ax, dx, fma(ay, dy, az * dz))
-    ax, ay, az = ax - along * dx, ay - along * dy, az - along * dz
-    bx, by, bz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
-    count = zero
-    store(words, _LIGHT + v, zero)
-    for k in range(0 if any_lane(reach > zero) else 4, 5):
-        if k < 4:
-            a = reach if k & 1 else -reach
-            b = reach if k & 2 else -reach
-            px, py, pz = qx + a * ax + b * bx, qy + a * ay + b * by, qz + a * az + b * bz
-            rest = one - fma(px, px, fma(py, py, pz * pz))
-            c = vsqrt(vmax(rest, zero))
-            weight = select(rest > _LIMB, one, zero)
-            texel_corners(skin.mapping, side_of(skin.texels), px - c * dx, py - c * dy, pz - c * dz, words[_APART:], corners, v)  # fmt: skip
-        else:
-            weight = select(count > zero, zero, one)  # what has no such point is read where it is hit
-            if any_lane(count > zero):
-                texel_corners(skin.mapping, side_of(skin.texels), nx, ny, nz, words[_APART:], corners, v)
-        count = count + weight
-        store(words, _WEIGHT + v, weight)
-        for j in range(v, v + LANES):
-            s = hits.slot[j]
-            if s >= 0 and words[_WEIGHT + j] > 0:
-                p, q, r, t = four_codes(
-                    skin.texels, s & _PLACE, corners[j], corners[j + CORNER_STRIDE], corners[j + 2 * CORNER_STRIDE], corners[j + 3 * CORNER_STRIDE]
-                )  # fmt: skip
-                a, b = words[_APART + j], words[_APART + CORNER_STRIDE + j]
-                half = (s >> 30) << 8  # 256 if it is stale
-                top = (_ONE - a) * decoding[half + p] + a * decoding[half + q]
-                low = (_ONE - a) * decoding[half + r] + a * decoding[half + t]
-                words[_LIGHT + j] += (_ONE - b) * top + b * low
-    store(words, _LIGHT + v, load(words, _LIGHT + v) / vmax(count, one))
 
 
 @kernel(inline=True, borrows=True)
@@ -219,12 +150,12 @@ def _light_bare(tree, lights, work, spare, skin, hits, v, shadows):
         i = who[j]
         if i >= 0 and slot[j] < 0:
             if slot[j] == FIRST_LIGHT and i < coarse.shape[0]:
-                words[_LIGHT + j] = max(
+                words[LIGHT + j] = max(
                     _ZERO,
                     coarse[i, 0]
-                    + coarse[i, 1] * words[_NX + j]
-                    + coarse[i, 2] * words[_NY + j]
-                    + coarse[i, 3] * words[_NZ + j],
+                    + coarse[i, 1] * words[NX + j]
+                    + coarse[i, 2] * words[NY + j]
+                    + coarse[i, 3] * words[NZ + j],
                 )
                 slot[j] = 0  # has its light
             else:
@@ -236,33 +167,35 @@ def _light_bare(tree, lights, work, spare, skin, hits, v, shadows):
     # Rays that have their light ask for no shadows.
     for j in range(v, v + LANES):
         slot[j] = who[j] if slot[j] < 0 else -1
-    nx, ny, nz = load(words, _NX + v), load(words, _NY + v), load(words, _NZ + v)
-    radius = load(words, _RADIUS + v)
+    nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
+    radius = load(words, RADIUS + v)
     light = lambert_lanes(
         lights, shadows, tree, work, spare,
-        fma(radius, nx, load(words, _X + v)), fma(radius, ny, load(words, _Y + v)), fma(radius, nz, load(words, _Z + v)),
+        fma(radius, nx, load(words, X + v)), fma(radius, ny, load(words, Y + v)), fma(radius, nz, load(words, Z + v)),
         nx, ny, nz, slot, v,
     )  # fmt: skip
-    store(words, _WEIGHT + v, light)
+    store(words, WEIGHT + v, light)
     for j in range(v, v + LANES):
         if slot[j] >= 0:
-            words[_LIGHT + j] = words[_WEIGHT + j]
+            words[LIGHT + j] = words[WEIGHT + j]
 
 
 @kernel(inline=True, borrows=True)
-def _shade(tree, lights, eye, work, spare, skin, hits, step, textured, shadows, first, total, tx, ty):
+def _shade(tree, lights, eye, bench, skin, hits, step, textured, shadows, first, total, tx, ty):
     """Light what the rays of a tile have hit, and add it to `total`."""
     words, who, colors = hits.words, hits.who, skin.colors
     height, width = total.shape[0], total.shape[1]
+    if textured:
+        open_textures(skin, bench.opened, hits)
     for v in range(0, RAYS, LANES):
         if textured and hits.textured[v // LANES]:
-            _light_textures(eye, skin, hits, v, step)
-        _light_bare(tree, lights, work, spare, skin, hits, v, shadows)
+            light_textures(eye, skin, bench.opened, hits, v, step)
+        _light_bare(tree, lights, bench.rays, bench.spare, skin, hits, v, shadows)
     for j in range(RAYS):
         column, row = place_of(j)
         x, y, i = tx + column, ty + row, who[j]
         if i >= 0:
-            light = words[_LIGHT + j]
+            light = words[LIGHT + j]
             pixel = total[y, x]
             if first:
                 pixel[0], pixel[1], pixel[2] = (
@@ -351,7 +284,7 @@ def draw_frame(
                 _collect(tree, bench.tile, traced, skin, textured, seen, width, height, tx, ty)
             if ready_x >= 0:
                 _shade(
-                    tree, lights, eye, bench.rays, bench.spare, skin, ready, step, textured, shadows, first, total, ready_x, ready_y
+                    tree, lights, eye, bench, skin, ready, step, textured, shadows, first, total, ready_x, ready_y
                 )  # fmt: skip
             if textured and found_x >= 0:
                 _find(found, skin)

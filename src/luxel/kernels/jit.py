@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib
 import os
 import stat
 import sys
@@ -17,12 +18,29 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.np import linalg
 
 __all__ = ["cache_folder", "cold", "kernel"]
 
 # Results must not depend on how many particles share a call, so no `parallel`; threads come from the caller.
 # NaN and infinity are kept meaningful: misses are marked by infinity. (Vector operations carry flags of their own.)
 _FAST = {"nsz", "arcp", "contract", "afn", "reassoc"}
+
+
+def _load_numba() -> None:
+    """Load the rest of Numba without SciPy's BLAS, which takes as long as all else.
+
+    Numba looks for it at once, only to say sooner that it is missing; it does so again for whoever's kernels multiply matrices. Ours do not.
+    """
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = look
+
+
+_load_numba()
 
 
 def _base_folder() -> Path:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.lookup import four_codes, side_of
+from luxel.kernels.lookup import open_texture, opened_words, read_four, side_of
 from luxel.kernels.mapping import texel_uv, wrapped
 from luxel.kernels.path import luminance_at
 from luxel.kernels.rng import PURPOSE_PIXEL, path_key
+from luxel.kernels.simd import LANES
 from luxel.kernels.tiles import primary_ray
 from luxel.kernels.tree_trace import scratch
 
@@ -32,7 +33,13 @@ def bilinear(mapping, texels, decoding, slot, nx, ny, nz):
     r1, c1 = wrapped(mapping, side, row, column + 1)
     r2, c2 = wrapped(mapping, side, row + 1, column)
     r3, c3 = wrapped(mapping, side, row + 1, column + 1)
-    p, q, r, s = four_codes(texels, slot, r0 * side + c0, r1 * side + c1, r2 * side + c2, r3 * side + c3)
+    opened = np.zeros(LANES * opened_words(texels), np.float32)
+    handle = open_texture(texels, slot, opened, 0)
+    codes = np.zeros(4, np.int32)
+    read_four(
+        texels, handle, opened, r0 * side + c0, r1 * side + c1, r2 * side + c2, r3 * side + c3, codes, 0
+    )
+    p, q, r, s = codes
     top = (_ONE - a) * decoding[p] + a * decoding[q]
     low = (_ONE - a) * decoding[r] + a * decoding[s]
     return (_ONE - b) * top + b * low

@@ -18,7 +18,7 @@ from numba.extending import intrinsic, models, register_model
 
 __all__ = [
     "FAR", "LANES", "any_lane", "bits", "fma", "fnma", "lane_max", "lane_min", "load", "mask_from_bits",
-    "popcount", "select", "splat", "splat_int", "store", "to_int", "trailing_zeros", "vabs", "vfloor", "vmax", "vmin", "vsqrt",
+    "popcount", "select", "splat", "splat_int", "store", "to_float", "to_int", "trailing_zeros", "vabs", "vfloor", "vmax", "vmin", "vrint", "vsqrt",
 ]  # fmt: skip
 
 LANES = 16
@@ -213,6 +213,7 @@ def _unary(name, intrinsic_name):
 vsqrt = _unary("vsqrt", f"llvm.sqrt.v{LANES}f32")
 vabs = _unary("vabs", f"llvm.fabs.v{LANES}f32")
 vfloor = _unary("vfloor", f"llvm.floor.v{LANES}f32")
+vrint = _unary("vrint", f"llvm.rint.v{LANES}f32")
 
 
 def _extremum(name, sign):
@@ -261,6 +262,12 @@ def mask_from_bits(typingctx, value):
 def to_int(typingctx, a):
     """Whole part of each lane, rounded towards zero; it must fit 32 bits."""
     return I32(F32), lambda context, builder, sig, args: builder.fptosi(args[0], I32.vector)
+
+
+@intrinsic
+def to_float(typingctx, a):
+    """Lanes of whole numbers as floats."""
+    return F32(I32), lambda context, builder, sig, args: builder.sitofp(args[0], F32.vector)
 
 
 @intrinsic

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_direction, sun_luminance
+from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
 from luxel.kernels.near import EXIT, GIANT
 from luxel.kernels.path import path_tail, survival
 from luxel.kernels.periodic import HERE
@@ -35,7 +35,7 @@ from luxel.kernels.simd import (
     vsqrt,
 )
 from luxel.kernels.tree_trace import MISS, occluded, trace
-from luxel.kernels.warp import cosine_directions
+from luxel.kernels.warp import cone_directions, cosine_directions
 
 __all__ = ["Waves", "add_path", "follow_paths", "wave_scratch"]
 
@@ -58,9 +58,14 @@ class Waves(NamedTuple):
     t: np.ndarray  # (16,) float32 distance in radii
     hit: np.ndarray  # (16,) int32 index of a neighbour, -1 for none, _SELF
     normal: np.ndarray  # (3 * 16,) float32
-    center: np.ndarray  # (4 * 16,) float32 x, y, z, r of the spheres that rays leave
+    center: (
+        np.ndarray
+    )  # (4 * 16,) float32 x, y, z, r of the spheres that rays leave; then the points where they do
     random: np.ndarray  # (2 * 16,) float32
-    next_point: np.ndarray  # (16, 3) float32 where rays meet something
+    exit: (
+        np.ndarray
+    )  # (16,) float32 distance in radii at which rays leave the near ball, negative if they start outside
+    next_point: np.ndarray  # (3 * 16,) float32 where rays meet something
     next_sphere: np.ndarray  # (16,) int32 what
 
 
@@ -76,7 +81,7 @@ def wave_scratch(paths):
         np.zeros((paths, 3), np.float32), np.zeros(3 * LANES, np.float32), np.zeros(3 * LANES, np.float32),
         np.zeros(LANES, np.int32), np.zeros(LANES, np.float32), np.zeros(LANES, np.int32),
         np.zeros(3 * LANES, np.float32), np.zeros(4 * LANES, np.float32), np.zeros(2 * LANES, np.float32),
-        np.zeros((LANES, 3), np.float32), np.zeros(LANES, np.int32),
+        np.zeros(LANES, np.float32), np.zeros(3 * LANES, np.float32), np.zeros(LANES, np.int32),
     )  # fmt: skip
 
 
@@ -158,39 +163,37 @@ def _unblocked(near, known, self_, waves, open_):
 
 
 @kernel(inline=True, borrows=True)
-def _exit_of_ball(waves, lane, reach):
-    """Distance, in radii, at which a ray leaves the near ball; negative if it starts outside."""
-    ax, ay, az = waves.start[lane], waves.start[LANES + lane], waves.start[2 * LANES + lane]
-    a2 = ax * ax + ay * ay + az * az
-    if not a2 < reach * reach:
-        return -_ONE
-    w = (
-        ax * waves.direction[lane]
-        + ay * waves.direction[LANES + lane]
-        + az * waves.direction[2 * LANES + lane]
-    )
-    return np.sqrt(w * w + reach * reach - a2) - w
+def _exits_of_ball(waves, reach):
+    """Note where sixteen rays leave the near ball; return them."""
+    ax, ay, az = load(waves.start, 0), load(waves.start, LANES), load(waves.start, 2 * LANES)
+    dx, dy, dz = load(waves.direction, 0), load(waves.direction, LANES), load(waves.direction, 2 * LANES)
+    w = fma(ax, dx, fma(ay, dy, az * dz))
+    inside = splat(reach * reach) - fma(ax, ax, fma(ay, ay, az * az))
+    zero = splat(_ZERO)
+    found = select(inside > zero, vsqrt(fma(w, w, vmax(inside, zero))) - w, splat(-_ONE))
+    store(waves.exit, 0, found)
+    return found
 
 
 @kernel(borrows=True)
-def _first_hit(world, work, near, site, waves, k, lane):
-    """Distance and sphere that the ray of path k meets, which is in `lane` of the block."""
-    leave = _exit_of_ball(waves, lane, site.reach)
-    t, hit = waves.t[lane], waves.hit[lane]
-    if hit != -1 and t <= leave:
-        return t * site.r, site.sphere if hit == _SELF else near.id[hit]
+def _follow_beyond(world, work, near, site, waves, lane):
+    """Follow a ray of the block that meets nothing within the near ball; returns (distance, sphere)."""
+    leave, t, hit = waves.exit[lane], waves.t[lane], waves.hit[lane]
     before = max(leave, _ZERO) * site.r
     limit = t * site.r - before if hit != -1 else FAR
     dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
-    x, y, z = (
-        waves.point[k, 0] + before * dx,
-        waves.point[k, 1] + before * dy,
-        waves.point[k, 2] + before * dz,
-    )
+    x, y, z = _point(waves, lane)
+    x, y, z = x + before * dx, y + before * dy, z + before * dz
     beyond, found = trace(world.tree, work, x, y, z, dx, dy, dz, limit, waves.skip[lane], False)
     if found >= 0 or hit == -1:
         return before + beyond, found
     return t * site.r, site.sphere if hit == _SELF else near.id[hit]
+
+
+@kernel(inline=True, borrows=True)
+def _point(waves, lane):
+    """Where a ray of the block starts."""
+    return waves.center[lane], waves.center[LANES + lane], waves.center[2 * LANES + lane]
 
 
 @kernel(inline=True, borrows=True)
@@ -201,34 +204,34 @@ def _normal(waves, lane):
 @kernel(borrows=True)
 def _sunlight(world, work, near, known, site, waves, first, count, alive, sun):
     """Add the light of a sun at the points of those of sixteen paths that are `alive`."""
-    open_ = 0
+    random, s = waves.random, world.lights.suns[sun]
     for lane in range(count):
         k = first + lane
         waves.state[k] = next_state(waves.state[k])
-        u, v = uniform(waves.state[k])
-        dx, dy, dz = sun_direction(world.lights, sun, u, v)
-        waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane] = dx, dy, dz
-        nx, ny, nz = _normal(waves, lane)
-        waves.t[lane] = nx * dx + ny * dy + nz * dz
-        if alive >> lane & 1 and waves.t[lane] > 0:
-            open_ |= 1 << lane
-    inside = 0
-    for lane in range(count):
-        if open_ >> lane & 1 and _exit_of_ball(waves, lane, site.reach) >= 0:
-            inside |= 1 << lane
+        random[lane], random[LANES + lane] = uniform(waves.state[k])
+    dx, dy, dz = cone_directions(s[0], s[1], s[2], s[5], load(random, 0), load(random, LANES))
+    store(waves.direction, 0, dx)
+    store(waves.direction, LANES, dy)
+    store(waves.direction, 2 * LANES, dz)
+    nx, ny, nz = load(waves.normal, 0), load(waves.normal, LANES), load(waves.normal, 2 * LANES)
+    cosine = fma(nx, dx, fma(ny, dy, nz * dz))
+    store(waves.t, 0, cosine)
+    zero = splat(_ZERO)
+    open_ = alive & bits(cosine > zero)
+    inside = open_ & bits(_exits_of_ball(waves, site.reach) >= zero)
     if inside != 0:
         open_ = (open_ & ~inside) | _unblocked(near, known, site.sphere, waves, inside)
     while open_ != 0:
         lane = trailing_zeros(open_)
         open_ &= open_ - 1
-        k = first + lane
         dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
-        x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
+        x, y, z = _point(waves, lane)
         if hidden_by_light(world.lights, x, y, z, dx, dy, dz, FAR):
             continue
-        before = max(_exit_of_ball(waves, lane, site.reach), _ZERO) * site.r
+        before = max(waves.exit[lane], _ZERO) * site.r
         x, y, z = x + before * dx, y + before * dy, z + before * dz
         if not occluded(world.tree, work, x, y, z, dx, dy, dz, FAR, waves.skip[lane]):
+            k = first + lane
             waves.light[k] += waves.weight[k] * sun_luminance(world.lights, sun, waves.t[lane])
 
 
@@ -293,9 +296,6 @@ def _aim(world, site, waves, first, count):
     store(center, 0, fma(r, nx, cx))
     store(center, LANES, fma(r, ny, cy))
     store(center, 2 * LANES, fma(r, nz, cz))
-    for lane in range(count):
-        for c in range(3):
-            waves.point[first + lane, c] = center[c * LANES + lane]
 
 
 @kernel(borrows=True)
@@ -304,28 +304,41 @@ def _bounce(world, work, near, known, site, waves, first, count):
     next_point, next_sphere = waves.next_point, waves.next_sphere
     _aim(world, site, waves, first, count)
     _nearest(near, known, site.sphere, waves)
-    alive = on = 0
+    t = load(waves.t, 0)
+    here = (load(waves.hit, 0) != splat_int(np.int32(-1))) & (t <= _exits_of_ball(waves, site.reach))
+    t = t * splat(site.r)
+    for c in range(3):
+        store(next_point, c * LANES, fma(t, load(waves.direction, c * LANES), load(waves.center, c * LANES)))
+    all_lanes = (1 << count) - 1
+    far = all_lanes & ~bits(here)
+    alive = on = all_lanes & ~far & bits(t > splat(_ZERO))  # rounding can bury a point where spheres meet
     for lane in range(count):
+        hit = waves.hit[lane]
+        next_sphere[lane] = site.sphere if hit == _SELF else near.id[max(hit, 0)]
+    while far != 0:
+        lane = trailing_zeros(far)
+        far &= far - 1
         k = first + lane
-        t, hit = _first_hit(world, work, near, site, waves, k, lane)
-        next_sphere[lane] = hit
-        if hit >= 0 and t <= 0:
-            continue  # rounding can bury a point where spheres meet
+        distance, sphere = _follow_beyond(world, work, near, site, waves, lane)
+        if sphere >= 0 and distance <= 0:
+            continue
         alive |= 1 << lane
-        x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
+        x, y, z = _point(waves, lane)
         dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
-        if hit == MISS:
+        if sphere == MISS:
             waves.light[k] += waves.weight[k] * escape_radiance(world.lights, x, y, z, dx, dy, dz)
         else:
             on |= 1 << lane
-            next_point[lane, 0], next_point[lane, 1], next_point[lane, 2] = x + t * dx, y + t * dy, z + t * dz
+            next_sphere[lane] = sphere
+            next_point[lane], next_point[LANES + lane] = x + distance * dx, y + distance * dy
+            next_point[2 * LANES + lane] = z + distance * dz
     for sun in range(world.lights.suns.shape[0]):
         _sunlight(world, work, near, known, site, waves, first, count, alive, sun)
     if world.lights.globes.shape[0] + world.lights.quads.shape[0] > 0:
         for lane in range(count):
             if alive >> lane & 1:
                 k = first + lane
-                x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
+                x, y, z = _point(waves, lane)
                 nx, ny, nz = _normal(waves, lane)
                 light, waves.state[k] = area_light(
                     world, work, True, x, y, z, HERE, nx, ny, nz, waves.skip[lane], waves.state[k]
@@ -358,7 +371,7 @@ def follow_paths(world, work, near, known, site, waves, count, values):
                         _move(waves, k, alive)
                         waves.sphere[alive] = next_sphere[lane]
                         for c in range(3):
-                            waves.point[alive, c] = next_point[lane, c]
+                            waves.point[alive, c] = next_point[c * LANES + lane]
                         alive += 1
                     else:
                         values[waves.ray[k]] += waves.light[k]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from luxel.errors import InputError
 from luxel.kernels import frame, tiles
 from luxel.kernels.light import Lights
+from luxel.kernels.lookup import opened_words
 from luxel.kernels.path import World
 from luxel.kernels.tone import SRGB_CELLS, Tone
 from luxel.kernels.tree_trace import Tree
@@ -69,7 +70,7 @@ class Crew:
         self.threads = thread_count(threads)
         self._pool: ThreadPoolExecutor | None = None
         self._lock = threading.Lock()
-        self._benches: deque[tuple[int, frame.Bench]] = deque(maxlen=self.threads)
+        self._benches: deque[tuple[tuple[int, int], frame.Bench]] = deque(maxlen=self.threads)
 
     def run(self, work: Callable[[], object]) -> None:
         """Call `work` on every thread at once and wait for all; re-raises an error."""
@@ -99,18 +100,19 @@ class Crew:
                 other.result()
 
     @contextlib.contextmanager
-    def bench(self, stack_size: int) -> Iterator[frame.Bench]:
-        """Lend one of the working memories that are kept for trees of such a depth."""
+    def bench(self, stack_size: int, words: int) -> Iterator[frame.Bench]:
+        """Lend one of the working memories that are kept, for trees of such a depth and textures of so many words when opened."""
+        sizes = stack_size, words
         try:
-            size, bench = self._benches.pop()
+            found, bench = self._benches.pop()
         except IndexError:
-            size = -1
-        if size != stack_size:
-            bench = frame.make_bench(stack_size)
+            found = (-1, -1)
+        if found != sizes:
+            bench = frame.make_bench(*sizes)
         try:
             yield bench
         finally:
-            self._benches.append((stack_size, bench))
+            self._benches.append((sizes, bench))
 
     def close(self) -> None:
         """End the threads; a later :meth:`run` starts new ones."""
@@ -146,7 +148,7 @@ def draw_rays(
     x, y = np.float32(shift[0]), np.float32(shift[1])
 
     def work() -> None:
-        with crew.bench(tree.stack_size) as bench:
+        with crew.bench(tree.stack_size, opened_words(skin.texels)) as bench:
             frame.draw_frame(
                 tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, rays, tone, picture,
                 bench, counter, edge
@@ -205,8 +207,20 @@ def id_at(tree: Tree, eye: tiles.Eye, size: tuple[int, int], place: tuple[float,
 def make_skin(table: TextureTable, colors: NDArray[np.float32]) -> frame.Skin:
     """Return what kernels need to know of the particles' looks; `colors` is (N, 3) float32 linear."""
     return frame.Skin(
-        table.slot, table.codes, table.decoding, table.coarse, colors, mapping_code(table.mapping)
+        table.slot,
+        table.codes,
+        _decoding_law(table.decoding),
+        table.coarse,
+        colors,
+        mapping_code(table.mapping),
     )
+
+
+def _decoding_law(decoding: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (2, 2) factors of code and code squared in the luminance of codes, for each half of a decoding table."""
+    first, last = decoding.reshape(-1, 256)[:, [1, 255]].astype(np.float64).T
+    square = (last / 255 - first) / 254
+    return np.resize(np.stack([first - square, square], axis=1).astype(np.float32), (2, 2))
 
 
 def make_tone(scene: Scene, view: View, grading: tuple[float, float] | None = None) -> Tone:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,9 +61,13 @@ class CompressedTextures:
 
     def snapshot(self, key: str) -> TextureTable:
         """Return the table for renderers; empty when `key` is not the light key."""
+        table = self._table
+        return table if key == self.key else replace(table, slot=np.full_like(table.slot, -1))
+
+    @cached_property
+    def _table(self) -> TextureTable:
         slot = np.full(self.count, -1, dtype=np.int32)
-        if key == self.key:
-            slot[self.ids] = np.arange(len(self.ids), dtype=np.int32)
+        slot[self.ids] = np.arange(len(self.ids), dtype=np.int32)
         codes = self.codec.lookup(self.payload)
         return TextureTable(slot, codes, decoding_table(self.scale, self.encoding), self.mapping)
 

@@ -86,7 +86,7 @@ class TextureTable:
             isinstance(before.codes, LearntTexels)
             and isinstance(self.codes, LearntTexels)
             and before.codes.records is self.codes.records
-            and before.codes.basis is self.codes.basis
+            and before.codes.rows is self.codes.rows
         )
         if not shared or before.mapping != self.mapping or len(before.slot) != len(self.slot):
             return self

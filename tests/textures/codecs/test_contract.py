@@ -95,6 +95,21 @@ def test_lookups_give_what_decoding_gives(kind):
     assert np.array_equal(seen, codec.decode(payload))
 
 
+@pytest.mark.parametrize("kind, targets", [
+    *(("pca", {"components": n}) for n in (1, 3, 7, 9, 16, 21)),
+    *(("cpca", {"payload_bytes": n, "clusters": k}) for n, k in ((2, 5), (3, 1), (11, 2), (60, 3))),
+])  # fmt: skip
+@pytest.mark.parametrize("count", [1, 3, COUNT])
+def test_lookups_read_records_of_any_size_to_the_last(kind, targets, count):
+    codes = bake()[1].codes
+    codec = codecs.train(kind, codes, **targets)
+    payload = codec.encode(codes)[-count:].copy()
+    seen = np.empty_like(codes[:count])
+    read_codes(codec.lookup(payload), seen)
+    assert np.array_equal(seen, codec.decode(payload))
+    assert np.array_equal(seen, codec.decode(codec.encode(codes))[-count:])
+
+
 def test_pictures_from_records_are_pictures_from_decoded_textures(kind):
     scene, textures = bake()
     compressed = CompressedTextures.of(textures, trained(kind))

@@ -5,6 +5,8 @@ import pytest
 
 from luxel.textures import codecs
 from luxel.textures.codecs import Distortion, IncrementalPCA, VQCodec
+from luxel.textures.codecs.clustered import CENTER_UNIT
+from luxel.textures.codecs.linear import fraction_bits
 from tests.textures.codecs.test_contract import bake
 
 
@@ -84,6 +86,27 @@ def test_clustered_pca_beats_both_at_equal_bytes(ratio):
         kind: Distortion.of(codecs.train(kind, codes, ratio=ratio), codes).d for kind in ("vq", "pca", "cpca")
     }
     assert d["cpca"] < min(d["vq"], d["pca"])
+
+
+@pytest.mark.parametrize("payload_bytes, clusters", [(8, 6), (3, 1), (40, 4)])
+def test_clustered_records_mean_what_their_description_says(payload_bytes, clusters):
+    codes = bake()[1].codes
+    codec = codecs.train("cpca", codes, payload_bytes=payload_bytes, clusters=clusters)
+    payload = codec.encode(codes[:40])
+    first = np.concatenate([[0], np.cumsum(codec.count, dtype=int)])
+    steps = 2.0 ** -fraction_bits(codec.texels)
+    for record, found in zip(payload, codec.decode(payload), strict=True):
+        cluster = int(record[0]) if clusters > 1 else 0
+        bits = np.unpackbits(record, bitorder="little")
+        at = 8 * (clusters > 1)
+        value = codec.center[cluster] * CENTER_UNIT
+        for k in range(first[cluster], first[cluster + 1]):
+            width = int(codec.width[k])
+            symbol = int(bits[at : at + width] @ (1 << np.arange(width)))
+            step = np.rint(codec.scale[k] * codec.levels[2**width - 2 + symbol])
+            value = value + float(step) * codec.basis[k] * steps
+            at += width
+        assert np.array_equal(found.ravel(), np.clip(np.floor(value + 0.5), 0, 255))
 
 
 def test_pca_of_textures_that_arrive_bit_by_bit():

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from luxel.errors import InputError
 from luxel.kernels.clustered import encode_clustered, read_codes
-from luxel.kernels.lookup import ClusteredTexels
+from luxel.kernels.lookup import ClusteredTexels, readable
+from luxel.kernels.simd import LANES
 from luxel.textures.codecs.linear import fraction_bits
 from luxel.textures.codecs.protocol import (
     Codes,
@@ -193,7 +194,7 @@ class ClusteredPCACodec:
         codes = as_codes(codes, self.texels)
         count, tables = len(codes), self._tables
         records = np.empty((count, self.payload_bytes), np.uint8)
-        errors, values = np.empty(count, np.float32), np.zeros((count, tables.width.shape[1]), np.float32)
+        errors, values = np.empty(count, np.float32), np.zeros((count, int(self.count.max())), np.float32)
         rows, gain = self._rows
 
         def work(part: slice) -> None:
@@ -224,7 +225,7 @@ class ClusteredPCACodec:
         whole = self.lookup(payload)
 
         def work(part: slice) -> None:
-            read_codes(whole._replace(records=whole.records[part]), out[part])
+            read_codes(whole._replace(records=readable(whole.records[part])), out[part])
 
         run_parts(work, parts(len(out)), thread_count(None))
         return out
@@ -236,11 +237,11 @@ class ClusteredPCACodec:
             raise InputError(
                 f"payload names cluster {payload[:, 0].max()}, the codec has {self.clusters}; the file is damaged"
             )
-        return self._tables._replace(records=payload)
+        return self._tables._replace(records=readable(payload))
 
     @cached_property
     def _tables(self) -> ClusteredTexels:
-        most = max(1, int(self.count.max()))
+        most = max(1, -(-int(self.count.max()) // LANES)) * LANES
         basis = np.zeros((self.clusters, self.texels**2, most), np.int8)
         scale, width = np.zeros((self.clusters, most), np.float32), np.zeros((self.clusters, most), np.uint8)
         for k, (first, n) in enumerate(self._spans()):

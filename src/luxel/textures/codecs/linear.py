@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels.lookup import LinearTexels
+from luxel.kernels.lookup import LinearTexels, linear_rows, readable
 from luxel.light.mapping import Mapping, texel_directions, texel_solid_angles
 from luxel.textures.codecs.moments import Moments
 from luxel.textures.codecs.protocol import (
@@ -128,24 +128,28 @@ class LinearCodec:
         """Turn coefficients (K, n) into codes (K, T, T)."""
         payload = as_payload(payload, self.components)
         out = np.empty((len(payload), self.texels, self.texels), np.uint8)
-        texels = self.lookup(payload)
+        basis = self.basis.T.astype(np.float32)
+        # The half that rounds is in the offset.
+        offset, unit = (self.offset + self._half).astype(np.float32), np.float32(2.0**-self.shift)
         for part in parts(len(payload)):
             steps = payload[part].astype(np.float32) - np.float32(_MIDDLE)
-            value = np.floor((steps @ texels.basis.T + texels.offset) * texels.unit)
+            value = np.floor((steps @ basis + offset) * unit)
             out[part] = np.clip(value, 0, 255).reshape(-1, self.texels, self.texels)
         return out
 
     def lookup(self, payload: NDArray[np.uint8]) -> LinearTexels:
         """Return what kernels read texels from; the half that rounds is in the offset."""
-        payload = as_payload(payload, self.components)
-        half = 2 ** (self.shift - 1) if self.shift else 0
-        return LinearTexels(
-            payload,
-            self.basis.astype(np.float32),
-            (self.offset + half).astype(np.float32),
-            np.float32(2.0**-self.shift),
-            self.texels,
-        )
+        records = readable(as_payload(payload, self.components))
+        return LinearTexels(records, self._rows, np.int32(self.shift), self.texels)
+
+    @cached_property
+    def _rows(self) -> NDArray[np.int16]:
+        """What kernels multiply coefficients by."""
+        return linear_rows(self.basis, self.offset + self._half)
+
+    @property
+    def _half(self) -> int:
+        return (1 << self.shift) >> 1
 
     @cached_property
     def _projector(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
