@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -39,12 +40,20 @@ def file(tmp_path):
     return write(tmp_path / "cloud.npz")
 
 
-@pytest.fixture
-def store(file, tmp_path, capsys):
-    path = str(tmp_path / "baked.zarr")
-    assert run("bake", file, "-o", path, *QUICK, "--sky", "0.8", "--up", "y") == 0
-    capsys.readouterr()
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory):
+    """A store of what `file` holds, baked once for all."""
+    folder = tmp_path_factory.mktemp("baked")
+    path = folder / "baked.zarr"
+    given = [write(folder / "cloud.npz"), "-o", path, *QUICK, "--sky", "0.8", "--up", "y"]
+    assert run("bake", *given) == 0
     return path
+
+
+@pytest.fixture
+def store(baked, tmp_path, capsys):
+    capsys.readouterr()
+    return str(shutil.copytree(baked, tmp_path / "baked.zarr"))
 
 
 def refused(capsys, *arguments):
