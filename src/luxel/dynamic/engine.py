@@ -42,7 +42,9 @@ log = logging.getLogger(__name__)
 
 Job = Callable[[], None]
 
-_PIECE_S = 0.03  # short enough to notice a new priority soon, long enough to hide what a piece costs besides
+# Pieces are short enough to notice a new priority soon, long enough to hide what each costs besides. That is Python, which one thread
+# at a time can run: of more threads than a few, each takes longer pieces, and some thread still asks for a new one as often.
+_PIECE_S, _FEW_THREADS = 0.03, 4
 _PATIENCE_S = 2.0
 _OLDEST_EVERY = 4  # of so many pieces of work, one goes to the requests that have waited longest
 _MAX_ATTEMPTS = 2  # to make or to prepare a baker
@@ -368,7 +370,7 @@ class Engine:
     def _take(self, limit_s: float = math.inf, *, must_fit: bool = False) -> Job | None:
         """Return the next piece of work: a baker, else work on particles, else what must be prepared for that."""
         now_s = self._clock()
-        left_s, limit_s = limit_s, min(limit_s, _PIECE_S)
+        left_s, limit_s = limit_s, min(limit_s, _PIECE_S * max(1.0, self.thread_count / _FEW_THREADS))
         with self._lock:
             lit = self._lit
             if lit is None:

@@ -76,6 +76,7 @@ class FastLight:
         self._world, self._scale, self._seed = world, scale, seed
         self._mapping, self._texels, self._samples = mapping, texels, samples
         self._lock = threading.Lock()
+        self._making = threading.Lock()
         self._sets: dict[tuple[int, int, int], RaySets] = {}
         self._book = RecordBook(world) if book is None else book
         self._filter: TextureFilter | None = None
@@ -140,21 +141,21 @@ class FastLight:
         return self._world.model == LAMBERTIAN
 
     def _ray_sets(self, samples: int, drawing: int, sun_samples: int | None = None) -> RaySets:
-        # Made again by two threads at once, sets come out the same.
         if sun_samples is None:
             sun_samples = _SUN_SAMPLES if samples <= _SUN_SAMPLES else _MORE_SUN_SAMPLES
         key = (samples, drawing, sun_samples)
-        if key not in self._sets:
-            self._sets[key] = RaySets.make(
-                self._mapping,
-                (self._texels, self._texels),
-                samples,
-                self._world.lights.suns,
-                sun_samples=sun_samples,
-                seed=self._seed + drawing,
-                sets=_TRAINING_SETS if drawing else None,
-            )
-        return self._sets[key]
+        with self._making:  # all threads ask for the same sets at once, and making them is slow
+            if key not in self._sets:
+                self._sets[key] = RaySets.make(
+                    self._mapping,
+                    (self._texels, self._texels),
+                    samples,
+                    self._world.lights.suns,
+                    sun_samples=sun_samples,
+                    seed=self._seed + drawing,
+                    sets=_TRAINING_SETS if drawing else None,
+                )
+            return self._sets[key]
 
     def _learned(self, threads: int) -> TextureFilter:
         with self._lock:
