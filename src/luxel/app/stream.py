@@ -87,7 +87,7 @@ class SessionLight:
         """How far the light is."""
         return self._session.status()
 
-    def run_for(self, budget_s: float) -> None:
+    def run_for(self, budget_s: float, helpers: object = None) -> None:
         """Light is computed by the session's own threads."""
 
 
@@ -126,7 +126,7 @@ class BesideLight:
         """How far the light is."""
         return self._session.status(beside=True)
 
-    def run_for(self, budget_s: float) -> None:
+    def run_for(self, budget_s: float, helpers: object = None) -> None:
         """Light is computed by the session's own threads."""
 
 

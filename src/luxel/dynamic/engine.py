@@ -22,6 +22,7 @@ from luxel.dynamic.desk import Desk, Kind, Piece
 from luxel.dynamic.entries import ESTIMATE, NONE, Entries
 from luxel.dynamic.pace import Pace, Rate
 from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
+from luxel.dynamic.shares import Helpers, in_shares
 from luxel.dynamic.sightings import Ids, Measure, Sighting
 from luxel.dynamic.threads import end_threads, start_threads
 from luxel.dynamic.work import (
@@ -240,8 +241,8 @@ class Engine:
         self._do(job)
         return True
 
-    def run_for(self, budget_s: float) -> int:
-        """Work on the caller's thread until `budget_s` seconds have passed or nothing is left; return pieces done.
+    def run_for(self, budget_s: float, helpers: Helpers | None = None) -> int:
+        """Work on the caller's thread, and with its `helpers`, until `budget_s` seconds have passed or nothing is left; return pieces done.
 
         Pieces are made to fit into what is left of the budget, as far as their pace is known, and none is begun that is known not to
         fit, but for the first. So the budget is overrun by what the last piece takes longer than such pieces did before, or by the one piece that is done.
@@ -250,7 +251,7 @@ class Engine:
         end_s = self._clock() + budget_s
         count = 0
         while (left_s := end_s - self._clock()) > 0:
-            job = self._take(left_s, must_fit=count > 0)
+            job = self._take(left_s, must_fit=count > 0, helpers=helpers)
             if job is None:
                 break
             self._do(job)
@@ -367,7 +368,9 @@ class Engine:
                 self._notify_if_idle()
             self._ring()
 
-    def _take(self, limit_s: float = math.inf, *, must_fit: bool = False) -> Job | None:
+    def _take(
+        self, limit_s: float = math.inf, *, must_fit: bool = False, helpers: Helpers | None = None
+    ) -> Job | None:
         """Return the next piece of work: a baker, else work on particles, else what must be prepared for that."""
         now_s = self._clock()
         left_s, limit_s = limit_s, min(limit_s, _PIECE_S * max(1.0, self.thread_count / _FEW_THREADS))
@@ -400,7 +403,7 @@ class Engine:
                 if oldest and self._is_overdue(shop, now_s):
                     job = self._take_preparation(lit, shop, now_s, limit_s)
                 if job is None:
-                    job = self._take_piece(lit, shop, now_s, most, turn, oldest)
+                    job = self._take_piece(lit, shop, now_s, most, turn, oldest, helpers)
                 if job is None:
                     job = self._take_preparation(lit, shop, now_s, limit_s)
         finally:
@@ -413,7 +416,14 @@ class Engine:
         return job
 
     def _take_piece(
-        self, lit: _Lit, shop: Workshop, now_s: float, most: Mapping[Kind, int], turn: int, oldest: bool
+        self,
+        lit: _Lit,
+        shop: Workshop,
+        now_s: float,
+        most: Mapping[Kind, int],
+        turn: int,
+        oldest: bool,
+        helpers: Helpers | None,
     ) -> Job | None:
         """Return work on particles: a kind at a time over all desks, the first of them in turn; or what has waited longest of all."""
         first = turn % len(self._desks)
@@ -430,7 +440,7 @@ class Engine:
             piece = desk.take(lit.light, kind, most[kind], now_s, threads, oldest=oldest)
             if piece is not None:
                 work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
-                return functools.partial(work, desk, shop, piece)
+                return functools.partial(work, desk, shop, piece, helpers)
         return None
 
     def _is_overdue(self, shop: Workshop, now_s: float) -> bool:
@@ -506,11 +516,13 @@ class Engine:
                 shop.prepared(kind)
                 shop.preparing = False
 
-    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece) -> None:
+    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> None:
         light, ids = piece.light, piece.ids
         start_s = self._clock()
         try:
-            records = shop.baker(piece.kind).first_light(ids)
+            baker = shop.baker(piece.kind)
+            found = in_shares(lambda share: baker.first_light(ids[share]), len(ids), helpers)
+            records = np.concatenate(found)
             end_s = self._clock()
             kept = self.cache.put_coarse(light, ids, records)
         except BaseException as error:
@@ -524,13 +536,16 @@ class Engine:
         if kept:
             self._coarse_heard.tell(CoarseBatch(light.key, ids, records))
 
-    def _bake(self, desk: Desk, shop: Workshop, piece: Piece) -> None:
+    def _bake(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> None:
         light, ids = piece.light, piece.ids
         grade = shop.grade(piece.kind)
         start_s = self._clock()
         try:
             codes = np.empty((len(ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
-            clipped = shop.baker(piece.kind).bake_into(ids, codes)
+            baker = shop.baker(piece.kind)
+            clipped = sum(
+                in_shares(lambda share: baker.bake_into(ids[share], codes[share]), len(ids), helpers)
+            )
             end_s = self._clock()
             if self.cache.publish(light, ids, codes, grade).any():  # else they would only be asked for again
                 desk.done(piece, grade)

@@ -66,8 +66,8 @@ class Lit(Protocol):
         """Its textures."""
         ...
 
-    def run_for(self, budget_s: float) -> object:
-        """Work on light for about so many seconds, on the caller's thread."""
+    def run_for(self, budget_s: float, helpers: Crew | None = None) -> object:
+        """Work on light for about so many seconds, on the caller's thread and its helpers'."""
         ...
 
 
@@ -103,7 +103,7 @@ class Still:
     scene: Scene
     source: TextureSource
 
-    def run_for(self, budget_s: float) -> None:
+    def run_for(self, budget_s: float, helpers: Crew | None = None) -> None:
         """There is nothing to do."""
 
 
@@ -341,7 +341,7 @@ class Frames:
             self._before = ""  # nothing better comes: what is still shown under another light goes without
         self._keep(picture, final=rests and not self._lit[2])
         if self.bake_budget_s > 0:
-            self._crew.run(lambda: self.target.run_for(self.bake_budget_s))
+            self.target.run_for(self.bake_budget_s, self._crew)
         assert self._frame is not None
         return self._frame
 

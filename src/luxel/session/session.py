@@ -18,6 +18,7 @@ from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.engine import Engine
 from luxel.dynamic.entries import ESTIMATE
 from luxel.dynamic.look import Look
+from luxel.dynamic.shares import Helpers
 from luxel.dynamic.work import Bakers, CoarseBatch, CoarseListener, Listener, TileBaker, TileBatch
 from luxel.errors import FormatError, FrameError, InputError, SessionClosedError
 from luxel.light.lights import luminance_scale
@@ -460,12 +461,15 @@ class Session:
         """Block until everything requested is ready; False if that takes longer than `timeout_s`."""
         return self._engine.wait(timeout_s) and self._engine_beside.wait(timeout_s)
 
-    def run_for(self, budget_s: float) -> int:
-        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2; return pieces of work done."""
+    def run_for(self, budget_s: float, helpers: Helpers | None = None) -> int:
+        """Bake on the caller's thread for about `budget_s` seconds: the per-frame callback of paper 4.2; return pieces of work done.
+
+        `helpers` are threads that share each piece with the caller's, such as those that draw.
+        """
         end_s = self._clock() + budget_s
-        done = self._engine.run_for(budget_s)
+        done = self._engine.run_for(budget_s, helpers)
         if self._beside is not None and (left_s := end_s - self._clock()) > 0:
-            done += self._engine_beside.run_for(left_s)
+            done += self._engine_beside.run_for(left_s, helpers)
         return done
 
     def close(self) -> None:
