@@ -47,12 +47,12 @@ class Effort:
 
 _QUICK = Effort(
     rounds=3, ao_count=96, path_count=32, truth_count=16, truth_samples=400, truth_lights=("sky+sun",), timed_count=24,
-    fast_samples=(1, 2, 4), side=512, picture_side=192, pixel_samples=36, patience_s=5.0,
+    fast_samples=(1, 2, 4), side=512, picture_side=192, pixel_samples=36, patience_s=120.0,
     sizes=(10_000, 100_000, 1_000_000), scaling_textures=512, packed_count=20_000, packed_textures=128,
 )  # fmt: skip
 _FULL = Effort(
     rounds=5, ao_count=512, path_count=128, truth_count=32, truth_samples=4096, truth_lights=("sky", "sky+sun"),
-    timed_count=64, fast_samples=(1, 2, 4, 9), side=1024, picture_side=1024, pixel_samples=100, patience_s=60.0,
+    timed_count=64, fast_samples=(1, 2, 4, 9), side=1024, picture_side=1024, pixel_samples=100, patience_s=600.0,
     sizes=(10_000, 100_000, 1_000_000, 10_000_000), scaling_textures=1024, packed_count=100_000, packed_textures=512,
 )  # fmt: skip
 

@@ -47,6 +47,7 @@ _SHADINGS = ("textures", "lambertian", "shadows")
 # Requests of a client that keeps looking elsewhere lapse after two seconds; one that rests repeats itself sooner.
 _TELL_AGAIN_S = 0.5
 _PAUSE_S = 0.1  # between looks for new light, where nobody tells of it
+_FEW_THREADS = 4
 _TRIES = 16  # to read scene and textures of a session that another thread changes again and again
 _OWN_REFERENCES = 3  # the list's, the loop's, the call's
 _NOT_COLORS = frozenset({"camera", "hide", "exposure", "background", "up"})
@@ -341,9 +342,16 @@ class Frames:
             self._before = ""  # nothing better comes: what is still shown under another light goes without
         self._keep(picture, final=rests and not self._lit[2])
         if self.bake_budget_s > 0:
-            self.target.run_for(self.bake_budget_s, self._crew)
+            self._bake_for_a_while()
         assert self._frame is not None
         return self._frame
+
+    def _bake_for_a_while(self) -> None:
+        """Spend the budget. A few threads each take pieces of their own, which hides what taking costs; many would queue for it."""
+        if self._crew.threads <= _FEW_THREADS:
+            self._crew.run(lambda: self.target.run_for(self.bake_budget_s))
+        else:
+            self.target.run_for(self.bake_budget_s, self._crew)
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield a frame each time that the picture or the light changes, up to the final one.
