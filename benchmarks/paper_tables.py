@@ -31,6 +31,7 @@ from luxel.textures.bake import Baker, bake_with
 from luxel.textures.codecs import Distortion
 from luxel.textures.compressed import CompressedTextures
 from luxel.textures.spec import DEFAULT_SAMPLES, TextureSpec
+from luxel.textures.store.plan import seconds_of_many
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import thread_count
 
@@ -54,9 +55,7 @@ def table2(sets: list[DataSet], quick: bool) -> Rows:
             lot = ids if mode == "fast" else ids[: 256 if quick else 4096]
             baker = Baker(data.scene("sky+sun"), TextureSpec(mode=mode, samples=samples))
             bake_with(baker, lot[:32])
-            start = perf_counter()
-            bake_with(baker, lot)
-            took = (perf_counter() - start) * count / len(lot)
+            took = seconds_of_many(baker, lot) * count / len(lot)
             rows.append(
                 {
                     "scene": data.name,
