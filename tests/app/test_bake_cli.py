@@ -16,7 +16,7 @@ from luxel.app import bake_commands
 from luxel.app.parse import frame_range
 from luxel.app.report import bytes_text, time_text
 from luxel.textures.store.files import lock
-from tests.app.command_line import run
+from tests.app.command_line import refused, run
 from tests.textures.stores import hashes
 
 COUNT = 40
@@ -54,21 +54,6 @@ def baked(tmp_path_factory):
 def store(baked, tmp_path, capsys):
     capsys.readouterr()
     return str(shutil.copytree(baked, tmp_path / "baked.zarr"))
-
-
-def refused(capsys, *arguments):
-    """Run, expect exit code 2 and one line on stderr, but for the first run on a machine; return it."""
-    try:
-        code = run(*arguments)
-    except SystemExit as stop:  # argparse
-        code = stop.code
-    assert code == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    said = [line for line in err.splitlines() if not line.startswith("luxel: compiling kernels")]
-    assert len(said) == 1
-    assert said[0].startswith("luxel: error: ")
-    return said[0]
 
 
 # real processes
