@@ -16,7 +16,7 @@ from luxel.app.stream_messages import ScreenshotState, TakeScreenshot
 from luxel.errors import InputError, LuxelError
 from luxel.picture.bands import draw_bands
 from luxel.picture.colorbar import draw_colorbar
-from luxel.picture.frames import lit_now
+from luxel.picture.lit import lit_now
 from luxel.scene.view import View
 from luxel.session import Session
 

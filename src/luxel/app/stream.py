@@ -59,7 +59,7 @@ class _StoredTextures:
 
 
 class SessionLight:
-    """A session as one renderer sees it; a :class:`luxel.picture.frames.Lit`.
+    """A session as one renderer sees it; a :class:`luxel.picture.lit.Lit`.
 
     Textures of a bake that fits memory are looked up as they are stored, others in the session's cache.
 
@@ -104,8 +104,8 @@ class _BesideTextures(SessionTextures):
         self._session.sighted(ids, eye, self._client, self.key)
 
 
-class BesideLight:
-    """The light that is compared with, as one renderer sees it; a :class:`luxel.picture.frames.Lit`.
+class BesideLight(SessionLight):
+    """The light that is compared with, as one renderer sees it; a :class:`luxel.picture.lit.Lit`.
 
     Parameters
     ----------
@@ -125,9 +125,6 @@ class BesideLight:
     def status(self) -> Status:
         """How far the light is."""
         return self._session.status(beside=True)
-
-    def run_for(self, budget_s: float, helpers: object = None) -> None:
-        """Light is computed by the session's own threads."""
 
 
 class PageStream:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from types import TracebackType
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,13 +33,14 @@ from luxel.picture.drawing import (
     seen_tree,
 )
 from luxel.picture.image import Image
+from luxel.picture.lit import Bare, Lit, Still, lit_now
 from luxel.scene.camera import Camera
 from luxel.scene.scene import Scene
 from luxel.scene.view import View
 from luxel.textures.textures import TextureSource, TextureTable
 from luxel.trace.spheres import SphereSet
 
-__all__ = ["Frame", "Frames", "Lit", "Still", "lit_now"]
+__all__ = ["Frame", "Frames"]
 
 Shading = Literal["textures", "lambertian", "shadows"]
 
@@ -47,65 +48,10 @@ _SHADINGS = ("textures", "lambertian", "shadows")
 # Requests of a client that keeps looking elsewhere lapse after two seconds; one that rests repeats itself sooner.
 _TELL_AGAIN_S = 0.5
 _PAUSE_S = 0.1  # between looks for new light, where nobody tells of it
-_FEW_THREADS = 4
-_TRIES = 16  # to read scene and textures of a session that another thread changes again and again
+_FEW_THREADS = 4  # with so many, each takes pieces of work of its own
 _OWN_REFERENCES = 3  # the list's, the loop's, the call's
 _NOT_COLORS = frozenset({"camera", "hide", "exposure", "background", "up"})
 _NO_IDS: NDArray[np.int32] = np.empty(0, np.int32)
-
-
-class Lit(Protocol):
-    """What frames are drawn of: a :class:`luxel.Session`, or anything like it."""
-
-    @property
-    def scene(self) -> Scene:
-        """What to draw now."""
-        ...
-
-    @property
-    def source(self) -> TextureSource:
-        """Its textures."""
-        ...
-
-    def run_for(self, budget_s: float, helpers: Crew | None = None) -> object:
-        """Work on light for about so many seconds, on the caller's thread and its helpers'."""
-        ...
-
-
-def lit_now(target: Lit) -> tuple[Scene, TextureSource, TextureTable]:
-    """Return scene, textures and their table that belong together, though another thread may change them now.
-
-    Raises
-    ------
-    InputError
-        If the textures are of other particles.
-    """
-    for _ in range(_TRIES):
-        source, scene = target.source, target.scene
-        key = source.key
-        table = source.snapshot(key)
-        if target.scene is scene and source.key == key and len(table.slot) == len(scene.particles):
-            return scene, source, table
-    raise InputError(f"the textures are of {len(table.slot)} particles, the scene has {len(scene.particles)}")
-
-
-@dataclass(frozen=True, eq=False)
-class Still:
-    """A scene whose light changes no more; a :class:`Lit`.
-
-    Parameters
-    ----------
-    scene
-        What to draw.
-    source
-        A bake of it.
-    """
-
-    scene: Scene
-    source: TextureSource
-
-    def run_for(self, budget_s: float, helpers: Crew | None = None) -> None:
-        """There is nothing to do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,22 +93,6 @@ class _Pass:
     want: int  # rays a pixel before it replaces what is shown
     count: int = 0
     pure: bool = True  # all of it under the same light and with the same colours
-
-
-class _Bare:
-    """No textures at all; a :class:`luxel.textures.textures.TextureSource`."""
-
-    key = ""
-
-    def __init__(self, count: int) -> None:
-        self._table = bare_table(count)
-
-    def snapshot(self, key: str) -> TextureTable:
-        """Return the table of nothing."""
-        return self._table
-
-    def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
-        """Nothing comes."""
 
 
 class Frames:
@@ -237,7 +167,7 @@ class Frames:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if isinstance(target, Scene):
-            target = Still(target, _Bare(len(target.particles)) if textures is None else textures)
+            target = Still(target, Bare(len(target.particles)) if textures is None else textures)
         elif textures is not None:
             raise InputError("textures were given with a session, which has its own — give its scene instead")
         if shading not in _SHADINGS:
