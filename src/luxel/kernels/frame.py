@@ -16,7 +16,7 @@ from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
-from luxel.kernels.memory import claim, prefetch, take
+from luxel.kernels.memory import claim, float_lines, int_lines, prefetch, take
 from luxel.kernels.seen import slot_hash
 from luxel.kernels.simd import LANES, fma, load, splat, store, vmax, vsqrt
 from luxel.kernels.textured import (
@@ -67,15 +67,15 @@ def make_bench(stack_size: int, words: int) -> Bench:
     """Allocate the working memory of one thread, for textures of so many ``lookup.opened_words``; not a kernel."""
     hits = [
         Hits(
-            np.zeros(16 * RAYS, np.float32),
-            *(np.zeros(n, np.int32) for n in (4 * RAYS, RAYS, RAYS, RAYS // LANES)),
+            float_lines(16 * RAYS),
+            *(int_lines(n) for n in (4 * RAYS, RAYS, RAYS, RAYS // LANES)),
         )
         for _ in range(3)
     ]
     return Bench(
         make_tile(stack_size),
         scratch(stack_size),
-        np.zeros(8 * LANES, np.float32),
+        float_lines(8 * LANES),
         make_opened(words),
         np.zeros(TALLIES, np.int64),
         tuple(hits),

@@ -1,14 +1,45 @@
-"""What Numba lacks about memory: flat indices, asking for it ahead of time, a counter that several threads may share."""
+"""What Numba lacks about memory: whole cache lines, flat indices, asking for it ahead of time, a counter that several threads may share."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
-__all__ = ["claim", "item", "prefetch", "take"]
+from luxel.kernels.jit import kernel
+
+__all__ = ["claim", "float_lines", "int_lines", "item", "lines", "prefetch", "take"]
 
 _BYTE, _I32 = ir.IntType(8), ir.IntType(32)
+_LINE = 64  # bytes; sixteen lanes that straddle two of them take twice as long to load
+
+
+def lines(shape: int | tuple[int, ...]) -> NDArray[np.float32]:
+    """Return float32 memory of any contents that begins with a cache line; not a kernel."""
+    count = int(np.prod(shape))
+    raw: NDArray[Any] = np.empty(4 * count + _LINE, np.uint8)
+    begin = -raw.ctypes.data % _LINE
+    return raw[begin : begin + 4 * count].view(np.float32).reshape(shape)
+
+
+@kernel
+def float_lines(count):
+    """Return (count,) float32 zeros that begin with a cache line."""
+    raw = np.zeros(count + _LINE // 4, np.float32)
+    begin = (-(raw.ctypes.data // 4)) % (_LINE // 4)
+    return raw[begin : begin + count]
+
+
+@kernel
+def int_lines(count):
+    """Return (count,) int32 zeros that begin with a cache line."""
+    raw = np.zeros(count + _LINE // 4, np.int32)
+    begin = (-(raw.ctypes.data // 4)) % (_LINE // 4)
+    return raw[begin : begin + count]
 
 
 @intrinsic

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import float_lines, int_lines
 from luxel.kernels.simd import (
     FAR,
     LANES,
@@ -82,10 +83,10 @@ def near_scratch(rays):
     """Allocate for at most `rays` rays at a time."""
     size = _CAPACITY + LANES
     return Near(
-        np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32),
-        np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32),
-        np.zeros(size, np.float32), np.zeros(size, np.int32), np.zeros(size, np.int32),
-        np.zeros(rays, np.float32), np.zeros(rays, np.int32), np.zeros((rays, 3), np.float32), np.zeros(8 * LANES, np.float32),
+        float_lines(size), float_lines(size), float_lines(size),
+        float_lines(size), float_lines(size), float_lines(size),
+        float_lines(size), int_lines(size), int_lines(size),
+        float_lines(rays), int_lines(rays), np.zeros((rays, 3), np.float32), float_lines(8 * LANES),
     )  # fmt: skip
 
 

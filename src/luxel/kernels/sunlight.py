@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import float_lines
 from luxel.kernels.light import hidden_by_light, sun_luminance
 from luxel.kernels.near import RAY, Near, buried_starts, near_scratch, unblocked
 from luxel.kernels.rays import ray_start, set_of, stopped
@@ -69,7 +70,7 @@ def sun_scratch(table):
         near_scratch(LANES),
         np.zeros(blocks, np.int64),
         np.zeros(blocks, np.int64),
-        np.zeros(LANES, np.float32),
+        float_lines(LANES),
     )
 
 

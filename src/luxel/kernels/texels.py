@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import float_lines
 from luxel.kernels.light import area_light
 from luxel.kernels.mapping import texel_directions
 from luxel.kernels.near import RAY, near_scratch, patch_neighbours
@@ -140,8 +141,8 @@ def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
     suns = world.lights.suns.shape[0]
     work = scratch(world.tree.stack_size)
     near = near_scratch(blocks * LANES)
-    rays = np.zeros(blocks * RAY, np.float32)
-    sun_rays = np.zeros((max(1, suns), blocks * RAY), np.float32)
+    rays = float_lines(blocks * RAY)
+    sun_rays = float_lines(max(1, suns) * blocks * RAY).reshape(max(1, suns), blocks * RAY)
     states = np.zeros(count, np.uint64)
     # Paths of a whole row of texels go on together, so that blocks of sixteen stay full.
     waves = wave_scratch(texels * count)

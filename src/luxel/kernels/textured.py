@@ -11,7 +11,7 @@ from luxel.kernels.dots import load_fours
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import PLACES, open_texture, prefetch_opened, read_four, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
-from luxel.kernels.memory import item
+from luxel.kernels.memory import float_lines, int_lines, item
 from luxel.kernels.simd import LANES, any_lane, fma, load, select, splat, store, to_float, vmax, vmin, vsqrt
 from luxel.kernels.tiles import RAYS
 
@@ -86,7 +86,7 @@ class Opened(NamedTuple):
 def make_opened(words: int) -> Opened:
     """Allocate memory for textures of so many ``lookup.opened_words`` each; not a kernel."""
     return Opened(
-        np.zeros(PLACES * words, np.float32), np.zeros(PLACES, np.int64), np.zeros(4 * LANES, np.int32)
+        float_lines(PLACES * words), np.zeros(PLACES, np.int64), int_lines(4 * LANES)
     )
 
 

@@ -11,14 +11,15 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import float_lines, int_lines, prefetch
 from luxel.kernels.simd import (
     LANES,
-    any_lane,
     bits,
     fma,
     fnma,
     lane_max,
     load,
+    popcount,
     select,
     splat,
     splat_int,
@@ -83,20 +84,20 @@ class Tile(NamedTuple):
 @kernel
 def make_tile(stack_size):
     """Allocate the working memory of one thread."""
-    places = np.empty(2 * RAYS, np.float32)
+    places = float_lines(2 * RAYS)
     for j in range(RAYS):
         column, row = place_of(j)
         places[j], places[RAYS + j] = column, row
     return Tile(
-        np.empty(6 * RAYS, np.float32),
-        np.empty(RAYS, np.float32),
-        np.empty(RAYS, np.int32),
+        float_lines(6 * RAYS),
+        float_lines(RAYS),
+        int_lines(RAYS),
         places,
-        np.empty(6 * 4, np.float32),
+        float_lines(6 * 4),
         np.empty(12, np.int64),
         np.empty(stack_size, np.int32),
-        np.empty(stack_size, np.float32),
-        np.empty(4 * LANES, np.float32),
+        float_lines(stack_size),
+        float_lines(4 * LANES),
     )
 
 
@@ -191,6 +192,17 @@ def _height_above(planes, p, x, y, z):
     )
 
 
+@kernel(inline=True, borrows=True)
+def _ask_for(nodes, spheres, link):
+    """Ask for the memory of a node or leaf that is put on the stack."""
+    if link < 0:
+        for line in range(0, LEAF, LANES):
+            prefetch(spheres, 4 * (~link * LEAF + line))
+    else:
+        for line in range(0, NODE, LANES):
+            prefetch(nodes, 4 * (link * NODE + line))
+
+
 @kernel(borrows=True)
 def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     """Trace the 64 rays through (x + shift_x, y + shift_y), x from `tx` and y from `ty` on; write `tile`.
@@ -222,7 +234,8 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
         for a in range(3):
             sides[3 * c + a] = ((3 if planes[4 * c + a] > 0 else 0) + a) * LANES
     aimed = False
-    limit = _FAR  # no ray of the tile goes farther
+    # No ray of the tile, or of each of its blocks, goes farther.
+    limit = far0 = far1 = far2 = far3 = _FAR
     height_of_stack = 0
     current = 0
     while True:
@@ -251,27 +264,23 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
                 ahead = vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
             m = bits((inside >= slack) & (ahead < limit))
             if m != 0:
-                k = trailing_zeros(m)
-                m &= m - 1
                 base = o + CHILDREN
-                if m == 0:
-                    current = child[base + k]
+                if m & (m - 1) == 0:
+                    current = child[base + trailing_zeros(m)]
                     continue
                 store(lanes, 0, ahead)
-                bottom = height_of_stack
-                stack[bottom], near[bottom] = child[base + k], lanes[k]
-                height_of_stack += 1
-                while m != 0:  # insertion sort: nearest on top
-                    k = trailing_zeros(m)
-                    m &= m - 1
+                rest = m
+                while rest != 0:  # nearest on top; by rank, since a sort's branches cannot be predicted
+                    k = trailing_zeros(rest)
+                    rest &= rest - 1
                     t = lanes[k]
-                    j = height_of_stack
-                    while j > bottom and near[j - 1] < t:
-                        near[j], stack[j] = near[j - 1], stack[j - 1]
-                        j -= 1
-                    near[j], stack[j] = t, child[base + k]
-                    height_of_stack += 1
-                height_of_stack -= 1
+                    link = child[base + k]
+                    farther = bits(ahead > t) & m
+                    level = bits(ahead >= t) & m & ~farther & ((1 << k) - 1)
+                    j = height_of_stack + popcount(farther) + popcount(level)
+                    stack[j], near[j] = link, t
+                    _ask_for(nodes, spheres, link)
+                height_of_stack += popcount(m) - 1
                 current = stack[height_of_stack]
                 continue
         else:
@@ -283,76 +292,57 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
             touches = r2 > zero
             for c in range(4):
                 touches = touches & (_height_above(planes, c, cx, cy, cz) >= edge)
-            if any_lane(touches):
+            ex, ey, ez = cx - ox, cy - oy, cz - oz
+            if ortho:
+                ahead = fma(ex, splat(fx), fma(ey, splat(fy), ez * fz))
+            else:
+                ahead = vsqrt(fma(ex, ex, fma(ey, ey, ez * ez)))
+            ahead = ahead + edge
+            across, above = _height_above(planes, 4, cx, cy, cz), _height_above(planes, 5, cx, cy, cz)
+            north, south = touches & (above >= edge), touches & (above <= -edge)
+            west, east = across <= -edge, across >= edge
+            # One loop over spheres of all blocks: where loops end cannot be predicted, and costs as much as three spheres.
+            m = bits(north & west & (ahead < far0)) | bits(north & east & (ahead < far1)) << LANES
+            m |= bits(south & west & (ahead < far2)) << 2 * LANES
+            m |= bits(south & east & (ahead < far3)) << 3 * LANES
+            if m != 0:
                 if not aimed:
                     aimed = True
                     _aim(eye, tile, np.float32(tx) + shift_x, np.float32(ty) + shift_y, width, height)
                     for v in range(0, RAYS, LANES):
                         store(best, v, splat(_FAR))
                         store(found, v, splat_int(np.int32(-1)))
-                ex, ey, ez = cx - ox, cy - oy, cz - oz
-                if ortho:
-                    ahead = fma(ex, splat(fx), fma(ey, splat(fy), ez * fz))
-                else:
-                    ahead = vsqrt(fma(ex, ex, fma(ey, ey, ez * ez)))
-                ahead = ahead + edge
-                touches = touches & (ahead < limit)
-                across, above = _height_above(planes, 4, cx, cy, cz), _height_above(planes, 5, cx, cy, cz)
-                west, east = touches & (across <= -edge), touches & (across >= edge)
-                north, south = above >= edge, above <= -edge
                 store(lanes, 0, cx)
                 store(lanes, LANES, cy)
                 store(lanes, 2 * LANES, cz)
                 store(lanes, 3 * LANES, r2)
-                changed = False
-                for block in range(4):
-                    if block == 0:
-                        m = bits(west & north)
-                    elif block == 1:
-                        m = bits(east & north)
-                    elif block == 2:
-                        m = bits(west & south)
-                    else:
-                        m = bits(east & south)
-                    if m == 0:
-                        continue
-                    v = block * LANES
-                    nearest = load(best, v)
-                    m &= bits(ahead < lane_max(nearest))
-                    if m == 0:
-                        continue
-                    changed = True
-                    who = load(found, v)
+                while m != 0:
+                    k = trailing_zeros(m)
+                    m &= m - 1
+                    v = k & ~(LANES - 1)
+                    k &= LANES - 1
+                    nearest, who = load(best, v), load(found, v)
                     dx, dy, dz = load(rays, 3 * RAYS + v), load(rays, 4 * RAYS + v), load(rays, 5 * RAYS + v)
-                    while m != 0:
-                        k = trailing_zeros(m)
-                        m &= m - 1
-                        sx, sy, sz = lanes[k], lanes[LANES + k], lanes[2 * LANES + k]
-                        if ortho:
-                            ex, ey, ez = (
-                                sx - load(rays, v),
-                                sy - load(rays, RAYS + v),
-                                sz - load(rays, 2 * RAYS + v),
-                            )
-                        else:
-                            ex, ey, ez = splat(sx - ox), splat(sy - oy), splat(sz - oz)
-                        b = fma(dx, ex, fma(dy, ey, dz * ez))
-                        px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
-                        disc = fnma(px, px, fnma(py, py, fnma(pz, pz, splat(lanes[3 * LANES + k]))))
-                        # No branch: it would be mispredicted every other time. A hit has disc > 0 and t > 0.
-                        t = b - vsqrt(vmax(disc, zero))
-                        t = select(vmin(disc, t) > zero, t, splat(_FAR))
-                        who = select(t < nearest, splat_int(np.int32(o + IDS + k)), who)
-                        nearest = vmin(t, nearest)
-                    store(best, v, nearest)
-                    store(found, v, who)
-                if changed:
-                    limit = lane_max(
-                        vmax(
-                            vmax(load(best, 0), load(best, LANES)),
-                            vmax(load(best, 2 * LANES), load(best, 3 * LANES)),
+                    sx, sy, sz = lanes[k], lanes[LANES + k], lanes[2 * LANES + k]
+                    if ortho:
+                        ex, ey, ez = (
+                            sx - load(rays, v),
+                            sy - load(rays, RAYS + v),
+                            sz - load(rays, 2 * RAYS + v),
                         )
-                    )
+                    else:
+                        ex, ey, ez = splat(sx - ox), splat(sy - oy), splat(sz - oz)
+                    b = fma(dx, ex, fma(dy, ey, dz * ez))
+                    px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
+                    disc = fnma(px, px, fnma(py, py, fnma(pz, pz, splat(lanes[3 * LANES + k]))))
+                    # No branch: it would be mispredicted every other time. A hit has disc > 0 and t > 0.
+                    t = b - vsqrt(vmax(disc, zero))
+                    t = select(vmin(disc, t) > zero, t, splat(_FAR))
+                    store(found, v, select(t < nearest, splat_int(np.int32(o + IDS + k)), who))
+                    store(best, v, vmin(t, nearest))
+                far0, far1 = lane_max(load(best, 0)), lane_max(load(best, LANES))
+                far2, far3 = lane_max(load(best, 2 * LANES)), lane_max(load(best, 3 * LANES))
+                limit = max(max(far0, far1), max(far2, far3))
         while height_of_stack > 0 and near[height_of_stack - 1] >= limit:
             height_of_stack -= 1
         if height_of_stack == 0:

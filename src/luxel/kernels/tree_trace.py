@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import float_lines
 from luxel.kernels.simd import (
     LANES,
     any_lane,
@@ -58,7 +59,7 @@ class Scratch(NamedTuple):
 def scratch(stack_size):
     """Allocate working memory for one thread's rays."""
     return Scratch(
-        np.empty(stack_size, np.int32), np.empty(stack_size, np.float32), np.empty(8 * LANES, np.float32)
+        np.empty(stack_size, np.int32), np.empty(stack_size, np.float32), float_lines(8 * LANES)
     )
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import float_lines, int_lines
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
 from luxel.kernels.near import EXIT, GIANT
 from luxel.kernels.path import path_tail, survival
@@ -78,10 +79,10 @@ def wave_scratch(paths):
     return Waves(
         np.zeros(paths, np.int32), np.zeros(paths, np.int32), np.zeros((paths, 3), np.float32),
         np.zeros(paths, np.float32), np.zeros(paths, np.float32), np.zeros(paths, np.uint64),
-        np.zeros((paths, 3), np.float32), np.zeros(3 * LANES, np.float32), np.zeros(3 * LANES, np.float32),
-        np.zeros(LANES, np.int32), np.zeros(LANES, np.float32), np.zeros(LANES, np.int32),
-        np.zeros(3 * LANES, np.float32), np.zeros(4 * LANES, np.float32), np.zeros(2 * LANES, np.float32),
-        np.zeros(LANES, np.float32), np.zeros(3 * LANES, np.float32), np.zeros(LANES, np.int32),
+        np.zeros((paths, 3), np.float32), float_lines(3 * LANES), float_lines(3 * LANES),
+        int_lines(LANES), float_lines(LANES), int_lines(LANES),
+        float_lines(3 * LANES), float_lines(4 * LANES), float_lines(2 * LANES),
+        float_lines(LANES), float_lines(3 * LANES), int_lines(LANES),
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.kernels import mapping as maps
+from luxel.kernels.memory import lines
 from luxel.kernels.near import RAY
 from luxel.kernels.rays import RayTable
 from luxel.kernels.simd import LANES
@@ -64,7 +65,7 @@ def make_ray_table(
     """
     layout = _Layout(mapping, shape, samples)
     sets = sets or int(np.clip(_TABLE_BYTES // layout.set_bytes, _FEWEST_SETS, _MOST_SETS))
-    rays = np.empty((sets, layout.blocks * RAY), np.float32)
+    rays = lines((sets, layout.blocks * RAY))
     starts = np.empty((sets, layout.blocks * LANES, 3))
     for k in range(sets):
         rng = np.random.default_rng((seed, k, *shape, samples))
@@ -84,7 +85,7 @@ def make_sun_table(
 ) -> SunTable:
     """As :func:`make_ray_table`, directions towards the disc of each sun; `suns` is (S, 6) as in ``kernels.light.Lights``."""
     layout = _Layout(mapping, shape, samples)
-    rays = np.empty((len(suns), _FEWEST_SETS, layout.blocks * RAY), np.float32)
+    rays = lines((len(suns), _FEWEST_SETS, layout.blocks * RAY))
     starts = np.zeros((_FEWEST_SETS, layout.blocks * LANES, 3))
     for k in range(_FEWEST_SETS if len(suns) else 0):
         rng = np.random.default_rng((seed, k, *shape, samples, 1))

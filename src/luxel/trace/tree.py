@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.kernels import tree_build, tree_trace
+from luxel.kernels.memory import lines
 from luxel.kernels.simd import LANES
 from luxel.trace.spheres import SphereSet
 
@@ -192,7 +193,7 @@ def _build(
     node_count, leaf_count, levels = tree_build.collapse(
         boxes, left, right, begin, end, leaves, top, nodes, child, leaf_begin, leaf_end
     )
-    leaf_data = np.empty((leaf_count, tree_trace.LEAF), np.float32)
+    leaf_data = lines((leaf_count, tree_trace.LEAF))
     leaf_ids = leaf_data.view(np.int32)
     chunk = max(1024, -(-leaf_count // (4 * threads)))
     run_parts(
@@ -202,8 +203,11 @@ def _build(
         range(0, leaf_count, chunk),
         threads,
     )
-    packed_nodes = np.concatenate([nodes[:node_count], child[:node_count].view(np.float32)], axis=1).ravel()
-    packed_leaves = leaf_data.ravel()
+    packed = lines((node_count, tree_trace.NODE))
+    packed[:, : tree_trace.CHILDREN] = nodes[:node_count]
+    packed[:, tree_trace.CHILDREN :] = child[:node_count].view(np.float32)
+    packed_nodes = packed.reshape(-1)
+    packed_leaves = leaf_data.reshape(-1)
     return tree_trace.Tree(
         packed_nodes,
         packed_nodes.view(np.int32),
