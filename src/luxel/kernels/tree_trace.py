@@ -16,6 +16,7 @@ from luxel.kernels.simd import (
     fnma,
     lane_min,
     load,
+    popcount,
     select,
     splat,
     splat_int,
@@ -100,27 +101,21 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
             )
             m = bits(enter <= leave)
             if m != 0:
-                k = trailing_zeros(m)
-                m &= m - 1
                 base = o + CHILDREN
-                if m == 0:
-                    current = child[base + k]
+                if m & (m - 1) == 0:
+                    current = child[base + trailing_zeros(m)]
                     continue
                 store(lanes, 0, enter)
-                bottom = height
-                stack[height], near[height] = child[base + k], lanes[k]
-                height += 1
-                while m != 0:  # insertion sort: nearest on top
-                    k = trailing_zeros(m)
-                    m &= m - 1
+                rest = m
+                while rest != 0:  # nearest on top; by rank, since a sort's branches cannot be predicted
+                    k = trailing_zeros(rest)
+                    rest &= rest - 1
                     t = lanes[k]
-                    j = height
-                    while j > bottom and near[j - 1] < t:
-                        near[j], stack[j] = near[j - 1], stack[j - 1]
-                        j -= 1
-                    near[j], stack[j] = t, child[base + k]
-                    height += 1
-                height -= 1
+                    farther = bits(enter > t) & m
+                    level = bits(enter >= t) & m & ~farther & ((1 << k) - 1)
+                    j = height + popcount(farther) + popcount(level)
+                    stack[j], near[j] = child[base + k], t
+                height += popcount(m) - 1
                 current = stack[height]
                 continue
         else:
@@ -134,19 +129,16 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
             # Distance of the ray's line to the centre first: no cancellation for far spheres.
             px, py, pz = fnma(b, vdx, cx), fnma(b, vdy, cy), fnma(b, vdz, cz)
             disc = fnma(px, px, fnma(py, py, fnma(pz, pz, r2)))
-            crosses = disc >= zero
-            if any_lane(crosses):
-                root = vsqrt(vmax(disc, zero))
-                t = b - root
-                out = b + root
-                hits = crosses & (out > zero) & (out * out > r2 * _EXIT_TOLERANCE) & (t < limit)
-                hits = hits & (load(ids, o + IDS) != splat_int(skip))
-                if any_lane(hits):
-                    if any_hit:
-                        return np.float32(0), ids[o + IDS + trailing_zeros(bits(hits))]
-                    t = select(hits, vmax(t, zero), splat(np.float32(1e30)))
-                    limit = lane_min(t)
-                    hit = o + IDS + trailing_zeros(bits(t <= limit))
+            root = vsqrt(vmax(disc, zero))
+            t, out = b - root, b + root
+            hits = (disc >= zero) & (out > zero) & (out * out > r2 * _EXIT_TOLERANCE) & (t < limit)
+            hits = hits & (load(ids, o + IDS) != splat_int(skip))
+            if any_lane(hits):
+                if any_hit:
+                    return np.float32(0), ids[o + IDS + trailing_zeros(bits(hits))]
+                t = select(hits, vmax(t, zero), splat(np.float32(1e30)))
+                limit = lane_min(t)
+                hit = o + IDS + trailing_zeros(bits(t <= limit))
         while True:
             height -= 1
             if height < 0:
