@@ -269,15 +269,12 @@ def nearest(near, found, rays, first, blocks, out):
             if near.surface[j] - _ONE > latest:
                 break
             b, disc, _ = _cross(near, j, ax, ay, az, dx, dy, dz, w)
-            crosses = disc >= zero
-            if any_lane(crosses):
-                root = vsqrt(vmax(disc, zero))
-                start = vmax(b - root, zero)
-                hits = crosses & (b + root > exit_ * near.radius[j]) & (start < t)
-                if any_lane(hits):
-                    t = select(hits, start, t)
-                    hit = select(hits, splat_int(np.int32(j)), hit)
-                    latest = lane_max(t)
+            root = vsqrt(vmax(disc, zero))
+            start = vmax(b - root, zero)
+            hits = (disc >= zero) & (b + root > exit_ * near.radius[j]) & (start < t)
+            t = select(hits, start, t)
+            hit = select(hits, splat_int(np.int32(j)), hit)
+            latest = lane_max(t)
         store(near.hit_t, out + block * LANES, t)
         store(near.hit, out + block * LANES, hit)
 

@@ -129,15 +129,12 @@ def _nearest(near, known, self_, waves):
         b, disc = _meet(
             splat(near.x[j]) - ax, splat(near.y[j]) - ay, splat(near.z[j]) - az, dx, dy, dz, near.radius[j]
         )
-        crosses = (disc >= zero) & (skip != splat_int(near.id[j]))
-        if any_lane(crosses):
-            root = vsqrt(vmax(disc, zero))
-            start = vmax(b - root, zero)
-            hits = crosses & (b + root > exit_ * near.radius[j]) & (start < t)
-            if any_lane(hits):
-                t = select(hits, start, t)
-                hit = select(hits, splat_int(np.int32(j)), hit)
-                latest = lane_max(t + far)
+        root = vsqrt(vmax(disc, zero))
+        start = vmax(b - root, zero)
+        hits = (disc >= zero) & (skip != splat_int(near.id[j])) & (b + root > exit_ * near.radius[j]) & (start < t)
+        t = select(hits, start, t)
+        hit = select(hits, splat_int(np.int32(j)), hit)
+        latest = lane_max(t + far)
     store(waves.t, 0, t)
     store(waves.hit, 0, hit)
 
