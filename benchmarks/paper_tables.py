@@ -13,19 +13,20 @@ from __future__ import annotations
 
 import argparse
 import statistics
+from functools import partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 import luxel
-from benchmarks.lambert import draw_lambert
+from benchmarks.lambert import draw_lambert, draw_textured
 from benchmarks.light_scenes import DataSet, data_sets
 from benchmarks.measure import interleaved, ratio, report, verdict
 from benchmarks.paper_scaling import figure8, splits
 from benchmarks.paper_tables_dynamic import table5, table6
 from luxel.light.world import make_world
-from luxel.picture.raytrace import draw_textures, make_eye
+from luxel.picture.drawing import Crew, blank_tiles, make_eye
 from luxel.textures import codecs
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.codecs import Distortion
@@ -125,7 +126,7 @@ def table3(sets: list[DataSet], quick: bool) -> Rows:
 def table4(sets: list[DataSet], quick: bool) -> Rows:
     """Frames of 1024² with one ray a pixel: Lambert with a shadow ray, and textures raw and compressed."""
     rows: Rows = []
-    threads = thread_count(None)
+    crew = Crew()
     for data in sets:
         scene = data.scene("sky+sun")
         codes = bake_with(Baker(scene, TextureSpec(mode="fast", samples=1)), data.visible)
@@ -140,28 +141,15 @@ def table4(sets: list[DataSet], quick: bool) -> Rows:
         camera = luxel.Camera.framing((low, high), azimuth=-60.0, elevation=35.0, aspect=1.0)
         eye = make_eye(camera, SphereSet.of(data.particles), 1.0)
         colors = np.ones((len(data.particles), 3), np.float32)
-        total = np.zeros((_SIDE, _SIDE, 5), np.float32)
         tables = {
             name: (codes if made is None else CompressedTextures.of(codes, made)).snapshot(codes.key)
             for name, made in codec.items()
         }
 
-        def lambert(world: Any = world, eye: Any = eye, colors: Any = colors, total: Any = total) -> None:
-            total[:] = 0
-            draw_lambert(world, eye, colors, total, threads)
-
-        def textured(
-            name: str,
-            world: Any = world,
-            eye: Any = eye,
-            colors: Any = colors,
-            total: Any = total,
-            tables: Any = tables,
-        ) -> None:
-            total[:] = 0
-            draw_textures(world, eye, [(0.5, 0.5)], tables[name], colors, total, threads, filtered=False)
-
-        rivals = {"Lambert": lambert, **{name: lambda name=name: textured(name) for name in tables}}
+        frame = (colors, np.zeros((_SIDE, _SIDE, 5), np.float32), blank_tiles(_SIDE, _SIDE), crew)
+        rivals = {"Lambert": partial(draw_lambert, world, eye, *frame)}
+        for name, table in tables.items():
+            rivals[name] = partial(draw_textured, world, eye, table, *frame)
         seconds = interleaved(rivals, 9 if quick else 100)
         found: dict[str, Any] = {
             "scene": data.name,

@@ -238,7 +238,12 @@ def _shade(tree, lights, eye, bench, skin, hits, step, textured, shadows, first,
 
 
 @kernel(borrows=True)
-def _clear(total, tx, ty):
+def _clear(total, blank, tx, ty):
+    """Have nothing in a tile of `total`."""
+    if blank.shape[0] > 0:
+        if blank[ty // TILE, tx // TILE]:
+            return
+        blank[ty // TILE, tx // TILE] = 1
     width = total.shape[1]
     flat = total.reshape(-1)
     for y in range(ty, min(ty + TILE, total.shape[0])):
@@ -248,7 +253,7 @@ def _clear(total, tx, ty):
 
 @kernel(borrows=True)
 def draw_frame(
-    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, rays, tone, picture, bench, counter, edge
+    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, blank, rays, tone, picture, bench, counter, edge
 ):  # fmt: skip
     """Send one ray through (x + shift_x, y + shift_y) of every pixel and add what it brings to `total`.
 
@@ -269,6 +274,8 @@ def draw_frame(
         (N,) uint8: 1 is written for every particle that is hit; or (0,), then nothing is.
     total
         (H, W, 5) float32 sums: light times colour, light, coverage.
+    blank
+        (⌈H/8⌉, ⌈W/8⌉) uint8: tiles of `total` that are known to hold zeros only, which need not be written again; or (0, 0).
     rays
         Rays a pixel in `total` after this one.
     picture
@@ -302,10 +309,13 @@ def draw_frame(
                 column = k - row * columns
                 # There and back: what lies where a row ends is still at hand where the next one begins.
                 tx, ty = left + TILE * (columns - 1 - column if row & 1 else column), top + TILE * row
-                if not trace_tile(tree, eye, bench.tile, width, height, tx, ty, shift_x, shift_y):
-                    if first:
-                        _clear(total, tx, ty)
+                hit = trace_tile(tree, eye, bench.tile, width, height, tx, ty, shift_x, shift_y)
+                if first and not hit:
+                    _clear(total, blank, tx, ty)
+                if not hit:
                     continue
+                if blank.shape[0] > 0:
+                    blank[ty // TILE, tx // TILE] = 0
                 _collect(tree, bench.tile, traced, skin, textured, seen, width, height, tx, ty)
             if ready_x >= 0:
                 _shade(
@@ -316,6 +326,6 @@ def draw_frame(
             traced, found, ready = ready, traced, found
             ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:
-            develop_block(total, rays, tone, left, right, top, bottom, picture)
+            develop_block(total, blank, rays, tone, left, right, top, bottom, picture)
     for k in range(TALLIES):
         take(counter[1 + k :], bench.tally[k])

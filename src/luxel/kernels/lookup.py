@@ -313,10 +313,18 @@ def _prefetch_rows(texels, handle, p, r):
         prefetch(texels.basis, (begin + r) * most + k)
 
 
+@kernel(inline=True, borrows=True)
+def _prefetch_codeword(texels, handle, p, r):
+    prefetch(texels.codebook, handle + p)
+    prefetch(texels.codebook, handle + r)
+
+
 @overload(prefetch_opened, jit_options=_INLINE)
 def _prefetch_opened(texels, handle, p, r):
     if isinstance(texels, types.NamedTuple) and texels.instance_class is ClusteredTexels:
         return lambda texels, handle, p, r: _prefetch_rows(texels, handle, p, r)
+    if isinstance(texels, types.NamedTuple) and texels.instance_class is CodewordTexels:
+        return lambda texels, handle, p, r: _prefetch_codeword(texels, handle, p, r)
     return lambda texels, handle, p, r: None
 
 

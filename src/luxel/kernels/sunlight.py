@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.memory import float_lines
 from luxel.kernels.light import hidden_by_light, sun_luminance
+from luxel.kernels.memory import float_lines
 from luxel.kernels.near import RAY, Near, buried_starts, near_scratch, unblocked
 from luxel.kernels.rays import ray_start, set_of, stopped
 from luxel.kernels.simd import (

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.memory import float_lines
 from luxel.kernels.light import area_light
 from luxel.kernels.mapping import texel_directions
+from luxel.kernels.memory import float_lines
 from luxel.kernels.near import RAY, near_scratch, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at
 from luxel.kernels.periodic import HERE, LOST

@@ -85,9 +85,7 @@ class Opened(NamedTuple):
 
 def make_opened(words: int) -> Opened:
     """Allocate memory for textures of so many ``lookup.opened_words`` each; not a kernel."""
-    return Opened(
-        float_lines(PLACES * words), np.zeros(PLACES, np.int64), int_lines(4 * LANES)
-    )
+    return Opened(float_lines(PLACES * words), np.zeros(PLACES, np.int64), int_lines(4 * LANES))
 
 
 @kernel(inline=True, borrows=True)

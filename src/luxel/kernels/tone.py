@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.tiles import TILE
 
 __all__ = ["SRGB_CELLS", "Tone", "develop", "develop_block", "develop_rows"]
 
@@ -62,8 +63,8 @@ def develop(total, rays, exposure, white, background, picture):
 
 
 @kernel(borrows=True)
-def develop_block(total, rays, tone, first_column, last_column, first_row, last_row, picture):
-    """As `develop_rows`, of columns [first_column, last_column) only."""
+def develop_block(total, blank, rays, tone, first_column, last_column, first_row, last_row, picture):
+    """As `develop_rows`, of columns [first_column, last_column) only; `blank` as in ``frame.draw_frame``."""
     height = picture.shape[0]
     scale = _ONE / np.float32(rays)
     toe = tone.white ** np.float32(-0.6)
@@ -73,20 +74,26 @@ def develop_block(total, rays, tone, first_column, last_column, first_row, last_
         g = tone.bottom[1] + (tone.top[1] - tone.bottom[1]) * rise
         b = tone.bottom[2] + (tone.top[2] - tone.bottom[2]) * rise
         red, green, blue = _level(tone, r), _level(tone, g), _level(tone, b)
-        for x in range(first_column, last_column):
-            hits = total[y, x, 4]
-            if hits == 0:
-                picture[y, x, 0], picture[y, x, 1], picture[y, x, 2] = red, green, blue
+        for begin in range(first_column, last_column, TILE):
+            end = min(begin + TILE, last_column)
+            if blank.shape[0] > 0 and blank[y // TILE, begin // TILE]:
+                for x in range(begin, end):
+                    picture[y, x, 0], picture[y, x, 1], picture[y, x, 2] = red, green, blue
                 continue
-            cover = hits * scale
-            gain = _gain(total[y, x, 3], hits, cover, tone.exposure, tone.white, toe)
-            clear = _ONE - cover
-            picture[y, x, 0] = _level(tone, total[y, x, 0] * gain + r * clear)
-            picture[y, x, 1] = _level(tone, total[y, x, 1] * gain + g * clear)
-            picture[y, x, 2] = _level(tone, total[y, x, 2] * gain + b * clear)
+            for x in range(begin, end):
+                hits = total[y, x, 4]
+                if hits == 0:
+                    picture[y, x, 0], picture[y, x, 1], picture[y, x, 2] = red, green, blue
+                    continue
+                cover = hits * scale
+                gain = _gain(total[y, x, 3], hits, cover, tone.exposure, tone.white, toe)
+                clear = _ONE - cover
+                picture[y, x, 0] = _level(tone, total[y, x, 0] * gain + r * clear)
+                picture[y, x, 1] = _level(tone, total[y, x, 1] * gain + g * clear)
+                picture[y, x, 2] = _level(tone, total[y, x, 2] * gain + b * clear)
 
 
 @kernel(borrows=True)
-def develop_rows(total, rays, tone, first_row, last_row, picture):
+def develop_rows(total, blank, rays, tone, first_row, last_row, picture):
     """Turn rows [first_row, last_row) of `total` (H, W, 5) into sRGB (H, W, 3) uint8; the background runs from top to bottom."""
-    develop_block(total, rays, tone, 0, picture.shape[1], first_row, last_row, picture)
+    develop_block(total, blank, rays, tone, 0, picture.shape[1], first_row, last_row, picture)

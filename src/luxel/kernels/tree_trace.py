@@ -59,9 +59,7 @@ class Scratch(NamedTuple):
 @kernel
 def scratch(stack_size):
     """Allocate working memory for one thread's rays."""
-    return Scratch(
-        np.empty(stack_size, np.int32), np.empty(stack_size, np.float32), float_lines(8 * LANES)
-    )
+    return Scratch(np.empty(stack_size, np.int32), np.empty(stack_size, np.float32), float_lines(8 * LANES))
 
 
 @kernel(borrows=True)

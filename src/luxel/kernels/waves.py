@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.memory import float_lines, int_lines
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
+from luxel.kernels.memory import float_lines, int_lines
 from luxel.kernels.near import EXIT, GIANT
 from luxel.kernels.path import path_tail, survival
 from luxel.kernels.periodic import HERE
@@ -131,7 +131,12 @@ def _nearest(near, known, self_, waves):
         )
         root = vsqrt(vmax(disc, zero))
         start = vmax(b - root, zero)
-        hits = (disc >= zero) & (skip != splat_int(near.id[j])) & (b + root > exit_ * near.radius[j]) & (start < t)
+        hits = (
+            (disc >= zero)
+            & (skip != splat_int(near.id[j]))
+            & (b + root > exit_ * near.radius[j])
+            & (start < t)
+        )
         t = select(hits, start, t)
         hit = select(hits, splat_int(np.int32(j)), hit)
         latest = lane_max(t + far)

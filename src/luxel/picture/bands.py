@@ -11,6 +11,7 @@ from luxel.kernels.tiles import TILE
 from luxel.kernels.tone import develop_rows
 from luxel.light.lights import pack_lights
 from luxel.picture.drawing import (
+    NONE_BLANK,
     Crew,
     checked_size,
     draw_rays,
@@ -94,7 +95,7 @@ def draw_bands(
                 )
                 if progress is not None:
                     progress(top * len(shifts) + len(total) * (k + 1), height * len(shifts))
-            develop_rows(total, len(shifts), tone, 0, len(total), pixels[top : top + len(total)])
+            develop_rows(total, NONE_BLANK, len(shifts), tone, 0, len(total), pixels[top : top + len(total)])
     finally:
         crew.close()
     return pixels

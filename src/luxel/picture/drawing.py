@@ -31,10 +31,12 @@ from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import SphereTree, run_parts, thread_count
 
 __all__ = [
+    "NONE_BLANK",
     "NOT_SEEN",
     "NO_PICTURE",
     "Crew",
     "bare_table",
+    "blank_tiles",
     "checked_size",
     "draw_rays",
     "id_at",
@@ -48,6 +50,7 @@ __all__ = [
 ]
 
 NOT_SEEN: NDArray[np.uint8] = np.empty(0, np.uint8)
+NONE_BLANK: NDArray[np.uint8] = np.empty((0, 0), np.uint8)
 NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
 
 _BAND = 4 * tiles.TILE  # rows a task
@@ -135,6 +138,7 @@ def draw_rays(
     textured: bool = True,
     shadows: bool = False,
     first: bool = False,
+    blank: NDArray[np.uint8] = NONE_BLANK,
     seen: NDArray[np.uint8] = NOT_SEEN,
     rays: int = 1,
     tone: Tone | None = None,
@@ -150,13 +154,18 @@ def draw_rays(
     def work() -> None:
         with crew.bench(tree.stack_size, opened_words(skin.texels)) as bench:
             frame.draw_frame(
-                tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, rays, tone, picture,
-                bench, counter, edge
+                tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, blank, rays, tone,
+                picture, bench, counter, edge
             )  # fmt: skip
 
     crew.run(work)
     counts: list[int] = counter[1:].tolist()
     return counts
+
+
+def blank_tiles(width: int, height: int) -> NDArray[np.uint8]:
+    """Return what :func:`draw_rays` takes as ``blank`` with sums of zeros."""
+    return np.ones((-(-height // tiles.TILE), -(-width // tiles.TILE)), np.uint8)
 
 
 def _block_edge(width: int, height: int, threads: int) -> int:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from types import TracebackType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from luxel.picture.drawing import (
     NOT_SEEN,
     Crew,
     bare_table,
+    blank_tiles,
     checked_size,
     draw_rays,
     id_at,
@@ -84,11 +85,22 @@ class Frame:
         return Image(self.pixels)
 
 
+class _Sums(NamedTuple):
+    """What rays add up to, see ``kernels.frame``."""
+
+    total: NDArray[np.float32]
+    blank: NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, width: int, height: int) -> _Sums:
+        return cls(np.zeros((height, width, 5), np.float32), blank_tiles(width, height))
+
+
 @dataclass(eq=False)
 class _Pass:
     """A picture that grows, ray by ray."""
 
-    total: NDArray[np.float32]
+    sums: _Sums
     moving: bool  # a single ray through the middle of each pixel
     want: int  # rays a pixel before it replaces what is shown
     count: int = 0
@@ -206,7 +218,7 @@ class Frames:
         self._told_s = -np.inf
         self._shown: _Pass | None = None
         self._growing: _Pass | None = None  # will replace it
-        self._spare: NDArray[np.float32] | None = None
+        self._spare: _Sums | None = None
         self._pictures: list[NDArray[np.uint8]] = []
         self._frame: Frame | None = None
         self._drew = False
@@ -427,29 +439,29 @@ class Frames:
         most = len(self._shifts)
         if moved or self._shown is None:
             if self._growing is not None:
-                self._spare, self._growing = self._growing.total, None
-            self._shown = self._begin(None if self._shown is None else self._shown.total, True, 1)
+                self._spare, self._growing = self._growing.sums, None
+            self._shown = self._begin(None if self._shown is None else self._shown.sums, True, 1)
             return self._shown
         shown = self._shown
         if self._growing is None:
             if changed:
                 shown.pure = False
             if not shown.pure or (shown.moving and most > 1):
-                total, self._spare = self._spare, None
+                sums, self._spare = self._spare, None
                 # As good as what it replaces, or half the rays: new light must not wait for all of them.
                 want = 1 if most == 1 else (most + 1) // 2
-                self._growing = self._begin(total, most == 1, want)
+                self._growing = self._begin(sums, most == 1, want)
             elif shown.count < (1 if shown.moving else most):
                 return shown
         elif changed and self._growing.count:
             self._growing.pure = False
         return self._growing
 
-    def _begin(self, total: NDArray[np.float32] | None, moving: bool, want: int) -> _Pass:
+    def _begin(self, sums: _Sums | None, moving: bool, want: int) -> _Pass:
         width, height = self.size
-        if total is None or total.shape[:2] != (height, width):
-            total = np.empty((height, width, 5), np.float32)
-        return _Pass(total, moving, want)
+        if sums is None or sums.total.shape[:2] != (height, width):
+            sums = _Sums.of(width, height)
+        return _Pass(sums, moving, want)
 
     def _add_ray(self, current: _Pass, table: TextureTable) -> tuple[NDArray[np.uint8] | None, list[int]]:
         """Send one ray through every pixel; return the picture, if this changes what is shown, and counts of what is newly seen."""
@@ -463,12 +475,13 @@ class Frames:
             self._eye,
             shift,
             make_skin(table, self._colors),
-            current.total,
+            current.sums.total,
             self._crew,
             spacing=1.0 if current.moving and self.filtered else 0.0,
             textured=textured,
             shadows=self.shadows if textured else self.shading == "shadows",
             first=current.count == 1,
+            blank=current.sums.blank,
             seen=self._seen if textured else NOT_SEEN,
             rays=current.count,
             tone=self._tone,
@@ -476,7 +489,7 @@ class Frames:
         )
         if picture is not None and current is self._growing:
             assert self._shown is not None
-            self._spare, self._shown, self._growing = self._shown.total, current, None
+            self._spare, self._shown, self._growing = self._shown.sums, current, None
         return picture, counts
 
     def _gather(self, table: TextureTable, counts: list[int] | None = None) -> None:
@@ -502,7 +515,7 @@ class Frames:
         """Return the picture of what is shown under the present tone."""
         assert self._shown is not None
         picture = self._canvas()
-        develop_rows(self._shown.total, self._shown.count, self._tone, 0, len(picture), picture)
+        develop_rows(*self._shown.sums, self._shown.count, self._tone, 0, len(picture), picture)
         return picture
 
     def _canvas(self) -> NDArray[np.uint8]:

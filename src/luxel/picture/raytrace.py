@@ -17,6 +17,7 @@ from luxel.light.mapping import Mapping
 from luxel.light.world import make_world
 from luxel.particles import Particles
 from luxel.picture.drawing import (
+    NONE_BLANK,
     Crew,
     bare_table,
     checked_size,
@@ -84,7 +85,7 @@ def render(
     light
         ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
     samples
-        Of light: a texel (default 2; in paper mode a square number, default 49) or a pixel (default 64).
+        Of light: a texel (default 1; in paper mode a square number, default 49) or a pixel (default 64).
     mode, mapping, seed
         Of the textures that are baked here, see :class:`luxel.TextureSpec`.
     antialias
@@ -139,7 +140,7 @@ def render(
         table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, seen)
         draw_textures(seen, eye, shifts, table, colors, total, workers)
     pixels = np.empty((height, width, 3), np.uint8)
-    develop_rows(total, len(shifts), make_tone(scene, view), 0, height, pixels)
+    develop_rows(total, NONE_BLANK, len(shifts), make_tone(scene, view), 0, height, pixels)
     distance, ids = trace_primary(seen, eye, width, height, (0.5, 0.5), workers)
     if colorbar and view.color_by is not None:
         from luxel.picture.colorbar import draw_colorbar

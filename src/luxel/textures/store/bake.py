@@ -67,7 +67,7 @@ def bake_to(
     up
         The axis that points up in pictures of the store.
     spec
-        How textures are made; None means ``fast`` mode with 2 samples.
+        How textures are made; None means ``fast`` mode with 1 sample.
     codec
         How they are stored: a kind, or a :class:`CodecChoice` with its options.
     keep_raw
