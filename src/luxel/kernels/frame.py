@@ -42,7 +42,7 @@ from luxel.kernels.textured import (
     make_opened,
     open_textures,
 )
-from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, place_of, trace_tile
+from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, note_nearest, place_of, trace_tile
 from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
@@ -253,7 +253,7 @@ def _clear(total, blank, tx, ty):
 
 @kernel(borrows=True)
 def draw_frame(
-    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, blank, rays, tone, picture, bench, counter, edge
+    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, blank, distance, ids, rays, tone, picture, bench, counter, edge
 ):  # fmt: skip
     """Send one ray through (x + shift_x, y + shift_y) of every pixel and add what it brings to `total`.
 
@@ -276,6 +276,8 @@ def draw_frame(
         (H, W, 5) float32 sums: light times colour, light, coverage.
     blank
         (⌈H/8⌉, ⌈W/8⌉) uint8: tiles of `total` that are known to hold zeros only, which need not be written again; or (0, 0).
+    distance, ids
+        (H, W) float32 and int32: what this ray meets first, see ``tiles.primary_tiles``; or (0, 0), then it is not written.
     rays
         Rays a pixel in `total` after this one.
     picture
@@ -310,6 +312,8 @@ def draw_frame(
                 # There and back: what lies where a row ends is still at hand where the next one begins.
                 tx, ty = left + TILE * (columns - 1 - column if row & 1 else column), top + TILE * row
                 hit = trace_tile(tree, eye, bench.tile, width, height, tx, ty, shift_x, shift_y)
+                if ids.shape[0] > 0:
+                    note_nearest(tree, bench.tile, hit, width, height, tx, ty, distance, ids)
                 if first and not hit:
                     _clear(total, blank, tx, ty)
                 if not hit:

@@ -37,6 +37,7 @@ __all__ = [
     "Eye",
     "Tile",
     "make_tile",
+    "note_nearest",
     "place_of",
     "primary_ray",
     "primary_tiles",
@@ -352,16 +353,22 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
 
 
 @kernel(borrows=True)
+def note_nearest(tree, tile, near, width, height, tx, ty, distance, ids):
+    """Write what the rays of a tile have hit first to `distance` and `ids`, as `primary_tiles` does; nothing if not `near`."""
+    for row in range(min(TILE, height - ty)):
+        for column in range(min(TILE, width - tx)):
+            j = ray_at(column, row)
+            hit = near and tile.found[j] >= 0
+            distance[ty + row, tx + column] = tile.best[j] if hit else np.float32(np.inf)
+            ids[ty + row, tx + column] = tree.ids[tile.found[j]] if hit else np.int32(-1)
+
+
+@kernel(borrows=True)
 def _trace_rows(tree, eye, tile, width, height, shift_x, shift_y, first_row, last_row, distance, ids):
     for ty in range(first_row, last_row, TILE):
         for tx in range(0, width, TILE):
             near = trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y)
-            for row in range(min(TILE, min(height, last_row) - ty)):
-                for column in range(min(TILE, width - tx)):
-                    j = ray_at(column, row)
-                    hit = near and tile.found[j] >= 0
-                    distance[ty + row, tx + column] = tile.best[j] if hit else np.float32(np.inf)
-                    ids[ty + row, tx + column] = tree.ids[tile.found[j]] if hit else np.int32(-1)
+            note_nearest(tree, tile, near, width, min(height, last_row), tx, ty, distance, ids)
 
 
 @kernel

@@ -33,8 +33,10 @@ from luxel.trace.tree import SphereTree, run_parts, thread_count
 __all__ = [
     "NONE_BLANK",
     "NOT_SEEN",
+    "NO_NEAREST",
     "NO_PICTURE",
     "Crew",
+    "Nearest",
     "bare_table",
     "blank_tiles",
     "checked_size",
@@ -51,6 +53,9 @@ __all__ = [
 
 NOT_SEEN: NDArray[np.uint8] = np.empty(0, np.uint8)
 NONE_BLANK: NDArray[np.uint8] = np.empty((0, 0), np.uint8)
+#: Distance (H, W) float32 and ids (H, W) int32 of what each pixel shows.
+Nearest = tuple[NDArray[np.float32], NDArray[np.int32]]
+NO_NEAREST: Nearest = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
 NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
 
 _BAND = 4 * tiles.TILE  # rows a task
@@ -140,6 +145,7 @@ def draw_rays(
     first: bool = False,
     blank: NDArray[np.uint8] = NONE_BLANK,
     seen: NDArray[np.uint8] = NOT_SEEN,
+    nearest: Nearest = NO_NEAREST,
     rays: int = 1,
     tone: Tone | None = None,
     picture: NDArray[np.uint8] = NO_PICTURE,
@@ -154,8 +160,8 @@ def draw_rays(
     def work() -> None:
         with crew.bench(tree.stack_size, opened_words(skin.texels)) as bench:
             frame.draw_frame(
-                tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, blank, rays, tone,
-                picture, bench, counter, edge
+                tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, blank,
+                *nearest, rays, tone, picture, bench, counter, edge
             )  # fmt: skip
 
     crew.run(work)
@@ -279,7 +285,7 @@ def ray_shifts(antialias: int) -> list[tuple[float, float]]:
 
 def trace_primary(
     world: World, eye: tiles.Eye, width: int, height: int, shift: tuple[float, float], threads: int
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+) -> Nearest:
     """Return distance (H, W) float32 in normalised units and ids (H, W) int32; infinite and -1 on the background."""
     distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
 

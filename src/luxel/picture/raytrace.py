@@ -12,14 +12,18 @@ from numpy.typing import ArrayLike, NDArray
 from luxel.errors import InputError
 from luxel.kernels import shade, tiles
 from luxel.kernels.path import World
-from luxel.kernels.tone import develop_rows
+from luxel.kernels.tone import Tone, develop_rows
 from luxel.light.mapping import Mapping
 from luxel.light.world import make_world
 from luxel.particles import Particles
 from luxel.picture.drawing import (
+    NO_NEAREST,
+    NO_PICTURE,
     NONE_BLANK,
     Crew,
+    Nearest,
     bare_table,
+    blank_tiles,
     checked_size,
     draw_rays,
     make_eye,
@@ -43,6 +47,7 @@ from luxel.trace.tree import run_parts, thread_count
 __all__ = ["render", "shown_ids", "visible_ids"]
 
 Progress = Callable[[int, int], None]
+_CENTRE = (0.5, 0.5)
 Light = Literal["texture", "pixel"]
 
 
@@ -123,13 +128,15 @@ def render(
     seen = world._replace(tree=seen_tree(scene, view).arrays)
     eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
     colors = view.colors(scene.particles)
-    total = np.zeros((height, width, 5), np.float32)
-    shifts = ray_shifts(antialias)
+    total, pixels = np.zeros((height, width, 5), np.float32), np.empty((height, width, 3), np.uint8)
+    shifts, tone = ray_shifts(antialias), make_tone(scene, view)
+    nearest = None
     if light == "pixel":
         spp = 64 if samples is None else samples
         if spp < 1:
             raise InputError(f"samples must be at least 1, got {samples}")
         _draw_pixels(world, seen, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
+        develop_rows(total, NONE_BLANK, len(shifts), tone, 0, height, pixels)
     else:
         spec = TextureSpec.usual(
             mode,
@@ -138,10 +145,8 @@ def render(
             mapping=mapping,
         )
         table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, seen)
-        draw_textures(seen, eye, shifts, table, colors, total, workers)
-    pixels = np.empty((height, width, 3), np.uint8)
-    develop_rows(total, NONE_BLANK, len(shifts), make_tone(scene, view), 0, height, pixels)
-    distance, ids = trace_primary(seen, eye, width, height, (0.5, 0.5), workers)
+        nearest = draw_textures(seen, eye, shifts, table, colors, total, workers, tone=tone, picture=pixels)
+    distance, ids = nearest or trace_primary(seen, eye, width, height, _CENTRE, workers)
     if colorbar and view.color_by is not None:
         from luxel.picture.colorbar import draw_colorbar
 
@@ -179,19 +184,38 @@ def draw_textures(
     threads: int,
     *,
     filtered: bool = True,
-) -> None:
-    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), see ``kernels.frame``.
+    tone: Tone | None = None,
+    picture: NDArray[np.uint8] = NO_PICTURE,
+) -> Nearest | None:
+    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), zeros before; see ``kernels.frame``.
 
-    With one ray a pixel, textures are filtered over the pixel unless `filtered` is False; several rays filter by themselves.
+    With one ray a pixel, textures are filtered over the pixel unless `filtered` is False; several rays filter by themselves. The sums are
+    developed by `tone` into `picture` (H, W, 3), if there is one. Returns what the pixels' centres show, if a ray goes through them.
     """
+    height, width = total.shape[:2]
     crew = Crew(threads)
-    skin = make_skin(table, colors)
-    spacing = 1.0 if filtered and len(shifts) == 1 else 0.0
+    skin, blank = make_skin(table, colors), blank_tiles(width, height)
+    centre = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
     try:
-        for shift in shifts:
-            draw_rays(world.tree, world.lights, eye, shift, skin, total, crew, spacing=spacing)
+        for k, shift in enumerate(shifts):
+            draw_rays(
+                world.tree,
+                world.lights,
+                eye,
+                shift,
+                skin,
+                total,
+                crew,
+                spacing=1.0 if filtered and len(shifts) == 1 else 0.0,
+                blank=blank,
+                nearest=centre if shift == _CENTRE else NO_NEAREST,
+                rays=len(shifts),
+                tone=tone,
+                picture=picture if k == len(shifts) - 1 else NO_PICTURE,
+            )
     finally:
         crew.close()
+    return centre if _CENTRE in shifts else None
 
 
 def _draw_pixels(
