@@ -102,9 +102,7 @@ def _levels(
     eye = make_eye(view.camera_for(scene.particles, size), SphereSet.of(scene.particles), width / height)
     total, picture = np.zeros((height, width, 5), np.float32), np.empty((height, width, 3), np.float32)
     colors = view.colors(scene.particles)
-    draw_textures(
-        make_world(scene), eye, [(0.5, 0.5)], table, colors, total, thread_count(None), filtered=filtered
-    )
+    draw_textures(make_world(scene), eye, 1, table, colors, total, thread_count(None), filtered=filtered)
     background = srgb_to_linear(rgb(view.background)).astype(np.float32)
     white = np.float32(scene_white(scene))
     develop(total, 1, np.float32(view.exposure), white, background, picture)

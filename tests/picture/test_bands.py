@@ -54,7 +54,7 @@ def test_parts_show_what_the_whole_shows_there(look: luxel.View) -> None:
 
 
 @pytest.mark.parametrize("look", looks(), ids=["perspective", "orthographic"])
-@pytest.mark.parametrize("antialias", [1, 2])
+@pytest.mark.parametrize("antialias", [1, 2, 3])
 def test_bands_make_the_same_picture(
     look: luxel.View, antialias: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -69,7 +69,7 @@ def test_bands_make_the_same_picture(
     assert len({total for _, total in told}) == 1
     assert [done for done, _ in told] == sorted(done for done, _ in told)
     assert told[-1] == (told[-1][1], told[-1][1])
-    assert len(told) == 3 * antialias**2
+    assert len(told) == 3
     different = (banded != whole).any(-1)
     assert different.mean() < 0.002
 

@@ -46,10 +46,29 @@ from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, note_nearest, place
 from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
-__all__ = ["TALLIES", "Bench", "Skin", "draw_frame", "make_bench"]
+__all__ = [
+    "TALLIES",
+    "Bench",
+    "Skin",
+    "add_ray",
+    "collect_hits",
+    "draw_frame",
+    "find_slots",
+    "light_hits",
+    "make_bench",
+]
 
 _ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))
 TALLIES = 5
+
+
+class Kept(NamedTuple):
+    """Light of the rays of 8 × 8 pixels, ray by ray of each pixel, see ``folded``."""
+
+    place: np.ndarray  # (rays · 64,) int32: where a ray's light is kept
+    who: np.ndarray  # (rays · 64,) int32 particle, -1 for none
+    light: np.ndarray  # (rays · 64,) float32
+    far: np.ndarray  # (rays · 64,) float32 distance
 
 
 class Bench(NamedTuple):
@@ -61,10 +80,11 @@ class Bench(NamedTuple):
     opened: Opened
     tally: np.ndarray  # (TALLIES,) int64
     hits: tuple  # three Hits: of the tiles whose particles, slots, and textures are under way
+    kept: Kept
 
 
-def make_bench(stack_size: int, words: int) -> Bench:
-    """Allocate the working memory of one thread, for textures of so many ``lookup.opened_words``; not a kernel."""
+def make_bench(stack_size: int, words: int, rays: int) -> Bench:
+    """Allocate the working memory of one thread, for textures of so many ``lookup.opened_words`` and so many rays a pixel at once; not a kernel."""
     hits = [
         Hits(
             float_lines(16 * RAYS),
@@ -79,11 +99,12 @@ def make_bench(stack_size: int, words: int) -> Bench:
         make_opened(words),
         np.zeros(TALLIES, np.int64),
         tuple(hits),
+        Kept(*(int_lines(rays * RAYS) for _ in range(2)), *(float_lines(rays * RAYS) for _ in range(2))),
     )
 
 
 @kernel(inline=True, borrows=True)
-def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
+def collect_hits(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
     """Note which particles the rays of a tile hit, and where; ask where their textures lie."""
     spheres, ids, found = tree.spheres, tree.ids, tile.found
     words, who, slot = hits.words, hits.who, hits.slot
@@ -128,7 +149,7 @@ def _collect(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
 
 
 @kernel(inline=True, borrows=True)
-def _find(hits, skin, seen, tally):
+def find_slots(hits, skin, seen, tally):
     """Note where the textures of a tile's particles lie; ask for them."""
     words, who, slot = hits.words, hits.who, hits.slot
     side = side_of(skin.texels)
@@ -204,35 +225,41 @@ def _light_bare(tree, lights, work, spare, skin, hits, v, shadows):
 
 
 @kernel(inline=True, borrows=True)
-def _shade(tree, lights, eye, bench, skin, hits, step, textured, shadows, first, total, tx, ty):
-    """Light what the rays of a tile have hit, and add it to `total`."""
-    words, who, colors = hits.words, hits.who, skin.colors
-    height, width = total.shape[0], total.shape[1]
+def light_hits(tree, lights, eye, bench, skin, hits, step, textured, shadows):
+    """Light what the rays of a tile have hit."""
     if textured:
         open_textures(skin, bench.opened, hits)
     for v in range(0, RAYS, LANES):
         if textured and hits.textured[v // LANES]:
             light_textures(eye, skin, bench.opened, hits, v, step)
         _light_bare(tree, lights, bench.rays, bench.spare, skin, hits, v, shadows)
+
+
+@kernel(inline=True, borrows=True)
+def add_ray(total, y, x, colors, i, light, first):
+    """Add what one ray brings that hits particle i."""
+    pixel = total[y, x]
+    if first:
+        pixel[0], pixel[1], pixel[2] = light * colors[i, 0], light * colors[i, 1], light * colors[i, 2]
+        pixel[3], pixel[4] = light, _ONE
+    else:
+        pixel[0] += light * colors[i, 0]
+        pixel[1] += light * colors[i, 1]
+        pixel[2] += light * colors[i, 2]
+        pixel[3] += light
+        pixel[4] += _ONE
+
+
+@kernel(inline=True, borrows=True)
+def _shade(tree, lights, eye, bench, skin, hits, step, textured, shadows, first, total, tx, ty):
+    """Light what the rays of a tile have hit, and add it to `total`."""
+    height, width = total.shape[0], total.shape[1]
+    light_hits(tree, lights, eye, bench, skin, hits, step, textured, shadows)
     for j in range(RAYS):
         column, row = place_of(j)
-        x, y, i = tx + column, ty + row, who[j]
+        x, y, i = tx + column, ty + row, hits.who[j]
         if i >= 0:
-            light = words[LIGHT + j]
-            pixel = total[y, x]
-            if first:
-                pixel[0], pixel[1], pixel[2] = (
-                    light * colors[i, 0],
-                    light * colors[i, 1],
-                    light * colors[i, 2],
-                )
-                pixel[3], pixel[4] = light, _ONE
-            else:
-                pixel[0] += light * colors[i, 0]
-                pixel[1] += light * colors[i, 1]
-                pixel[2] += light * colors[i, 2]
-                pixel[3] += light
-                pixel[4] += _ONE
+            add_ray(total, y, x, skin.colors, i, hits.words[LIGHT + j], first)
         elif first and x < width and y < height:
             total[y, x, :] = _ZERO
 
@@ -320,13 +347,13 @@ def draw_frame(
                     continue
                 if blank.shape[0] > 0:
                     blank[ty // TILE, tx // TILE] = 0
-                _collect(tree, bench.tile, traced, skin, textured, seen, width, height, tx, ty)
+                collect_hits(tree, bench.tile, traced, skin, textured, seen, width, height, tx, ty)
             if ready_x >= 0:
                 _shade(
                     tree, lights, eye, bench, skin, ready, step, textured, shadows, first, total, ready_x, ready_y
                 )  # fmt: skip
             if textured and found_x >= 0:
-                _find(found, skin, seen, bench.tally)
+                find_slots(found, skin, seen, bench.tally)
             traced, found, ready = ready, traced, found
             ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:

@@ -37,11 +37,13 @@ __all__ = [
     "Eye",
     "Tile",
     "make_tile",
+    "meets_leaf",
     "note_nearest",
     "place_of",
     "primary_ray",
     "primary_tiles",
     "ray_at",
+    "trace_points",
     "trace_tile",
 ]
 
@@ -75,6 +77,7 @@ class Tile(NamedTuple):
         np.ndarray
     )  # (64,) int32 word of the tree's leaves that holds the particle's id; -1 for the background
     places: np.ndarray  # (2 · 64,) float32: column and row of each ray within the tile
+    points: np.ndarray  # (2 · 64,) float32: image point of each ray, in pixels
     planes: np.ndarray  # (6 · 4,) float32 normals and offsets: left, right, top, bottom, the two middles
     sides: np.ndarray  # (12,) int64 which face of a box lies farthest inside of each plane
     stack: np.ndarray
@@ -94,6 +97,7 @@ def make_tile(stack_size):
         float_lines(RAYS),
         int_lines(RAYS),
         places,
+        float_lines(2 * RAYS),
         float_lines(6 * 4),
         np.empty(12, np.int64),
         np.empty(stack_size, np.int32),
@@ -133,13 +137,13 @@ def primary_ray(eye, x, y, width, height):
 
 
 @kernel(borrows=True)
-def _aim(eye, tile, x, y, width, height):
-    """Make the rays of a tile, as `primary_ray` does; (x, y) is the image point of its first ray."""
-    rays, places = tile.rays, tile.places
+def _aim(eye, tile, width, height):
+    """Make the rays of a tile through its `points`, as `primary_ray` does."""
+    rays, points = tile.rays, tile.points
     wide, high = splat(_TWO / np.float32(width)), splat(_TWO / np.float32(height))
     for v in range(0, RAYS, LANES):
-        sx = fma(load(places, v) + x, wide, splat(-_ONE))
-        sy = fnma(load(places, RAYS + v) + y, high, splat(_ONE))
+        sx = fma(load(points, v), wide, splat(-_ONE))
+        sy = fnma(load(points, RAYS + v), high, splat(_ONE))
         ax = fma(sx, splat(eye.right[0]), sy * eye.up[0])
         ay = fma(sx, splat(eye.right[1]), sy * eye.up[1])
         az = fma(sx, splat(eye.right[2]), sy * eye.up[2])
@@ -204,11 +208,76 @@ def _ask_for(nodes, spheres, link):
             prefetch(nodes, 4 * (link * NODE + line))
 
 
+@kernel(inline=True, borrows=True)
+def _look_through(eye, tile, left, top, wide, high):
+    """Put the planes of a tile, see `_put_planes`; returns by how much rounding may move them."""
+    planes, sides = tile.planes, tile.sides
+    _put_planes(planes, eye, left, top, wide, high)
+    for c in range(4):
+        for a in range(3):
+            sides[3 * c + a] = ((3 if planes[4 * c + a] > 0 else 0) + a) * LANES
+    # It grows with the distance of the eye.
+    return splat(np.float32(-1e-6) * (_TWO + abs(eye.origin[0]) + abs(eye.origin[1]) + abs(eye.origin[2])))
+
+
+@kernel(inline=True, borrows=True)
+def _depth_inside(planes, sides, nodes, o):
+    """How far sixteen boxes reach inside of the four sides of a tile; negative for those outside of one."""
+    inside = splat(_FAR)
+    for c in range(4):
+        x, y, z = (
+            load(nodes, o + sides[3 * c]),
+            load(nodes, o + sides[3 * c + 1]),
+            load(nodes, o + sides[3 * c + 2]),
+        )
+        inside = vmin(inside, _height_above(planes, c, x, y, z))
+    return inside
+
+
+@kernel(borrows=True)
+def meets_leaf(tree, eye, tile, left, top, wide, high):
+    """Whether a leaf of the tree may be seen through a part of the picture: sx from `left` over `wide`, sy from `top` down over `high`."""
+    nodes, child, stack = tree.nodes, tree.child, tile.stack
+    slack = _look_through(eye, tile, left, top, wide, high)
+    height, current = 0, 0
+    while current >= 0:
+        o = current * NODE
+        m = bits(_depth_inside(tile.planes, tile.sides, nodes, o) >= slack)
+        while m != 0:
+            stack[height] = child[o + CHILDREN + trailing_zeros(m)]
+            height += 1
+            m &= m - 1
+        if height == 0:
+            return False
+        height -= 1
+        current = stack[height]
+    return True
+
+
 @kernel(borrows=True)
 def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     """Trace the 64 rays through (x + shift_x, y + shift_y), x from `tx` and y from `ty` on; write `tile`.
 
     Returns whether any sphere came near the tile; if not, nothing is written and all is background.
+    """
+    x, y = np.float32(tx) + shift_x, np.float32(ty) + shift_y
+    for v in range(0, RAYS, LANES):
+        store(tile.points, v, load(tile.places, v) + x)
+        store(tile.points, RAYS + v, load(tile.places, RAYS + v) + y)
+    # Parts of a picture have shifts beyond a pixel, see `picture.drawing.part_of`.
+    across, down = _TWO / np.float32(width), _TWO / np.float32(height)
+    left = (np.float32(tx) + np.floor(shift_x)) * across - _ONE
+    top = _ONE - (np.float32(ty) + np.floor(shift_y)) * down
+    return trace_points(
+        tree, eye, tile, width, height, left, top, np.float32(TILE) * across, np.float32(TILE) * down
+    )
+
+
+@kernel(borrows=True)
+def trace_points(tree, eye, tile, width, height, left, top, wide, high):
+    """As `trace_tile`, through ``tile.points``, which lie where sx goes from `left` over `wide`, and sy from `top` down over `high`.
+
+    They lie in squares as `place_of` says, so that a middle column and row of the part has half of them to each side.
     """
     nodes, child, spheres = tree.nodes, tree.child, tree.spheres
     stack, near, lanes, rays, best, found = (
@@ -224,16 +293,7 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     ox, oy, oz = eye.origin[0], eye.origin[1], eye.origin[2]
     fx, fy, fz = eye.forward[0], eye.forward[1], eye.forward[2]
     zero = splat(_ZERO)
-    # Rounding of the plane offsets grows with the distance of the eye.
-    slack = splat(np.float32(-1e-6) * (_TWO + abs(ox) + abs(oy) + abs(oz)))
-    wide, high = np.float32(TILE) * _TWO / np.float32(width), np.float32(TILE) * _TWO / np.float32(height)
-    # Parts of a picture have shifts beyond a pixel, see `picture.drawing.part_of`.
-    left = (np.float32(tx) + np.floor(shift_x)) * (_TWO / np.float32(width)) - _ONE
-    top = _ONE - (np.float32(ty) + np.floor(shift_y)) * (_TWO / np.float32(height))
-    _put_planes(planes, eye, left, top, wide, high)
-    for c in range(4):
-        for a in range(3):
-            sides[3 * c + a] = ((3 if planes[4 * c + a] > 0 else 0) + a) * LANES
+    slack = _look_through(eye, tile, left, top, wide, high)
     aimed = False
     # No ray of the tile, or of each of its blocks, goes farther.
     limit = far0 = far1 = far2 = far3 = _FAR
@@ -242,12 +302,7 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     while True:
         if current >= 0:
             o = current * NODE
-            inside = splat(_FAR)
-            for c in range(4):
-                reach = _height_above(
-                    planes, c, load(nodes, o + sides[3 * c]), load(nodes, o + sides[3 * c + 1]), load(nodes, o + sides[3 * c + 2])
-                )  # fmt: skip
-                inside = vmin(inside, reach)
+            inside = _depth_inside(planes, sides, nodes, o)
             lx, ly, lz = load(nodes, o) - ox, load(nodes, o + LANES) - oy, load(nodes, o + 2 * LANES) - oz
             hx, hy, hz = (
                 load(nodes, o + 3 * LANES) - ox,
@@ -309,7 +364,7 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
             if m != 0:
                 if not aimed:
                     aimed = True
-                    _aim(eye, tile, np.float32(tx) + shift_x, np.float32(ty) + shift_y, width, height)
+                    _aim(eye, tile, width, height)
                     for v in range(0, RAYS, LANES):
                         store(best, v, splat(_FAR))
                         store(found, v, splat_int(np.int32(-1)))

@@ -8,18 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.kernels.tiles import TILE
-from luxel.kernels.tone import develop_rows
 from luxel.light.lights import pack_lights
 from luxel.picture.drawing import (
-    NONE_BLANK,
     Crew,
     checked_size,
+    draw_folded,
     draw_rays,
     make_eye,
     make_skin,
     make_tone,
     part_of,
-    ray_shifts,
     seen_tree,
 )
 from luxel.scene.scene import Scene
@@ -68,11 +66,7 @@ def draw_bands(
     spheres = SphereSet.of(scene.particles)
     tree, lights = seen_tree(scene, view).arrays, pack_lights(scene, spheres)
     eye = make_eye(view.camera_for(scene.particles, (width, height)), spheres, width / height)
-    skin, tone, shifts = (
-        make_skin(table, view.colors(scene.particles)),
-        make_tone(scene, view),
-        ray_shifts(antialias),
-    )
+    skin, tone = make_skin(table, view.colors(scene.particles)), make_tone(scene, view)
     rows = min(height, max(1, _BAND_BYTES // (_SUM_BYTES * width * TILE)) * TILE)
     sums = np.empty((rows, width, 5), np.float32)
     pixels = np.empty((height, width, 3), np.uint8)
@@ -80,22 +74,29 @@ def draw_bands(
     try:
         for top in range(0, height, rows):
             total = sums[: height - top]
-            part, (x, y) = part_of(eye, (width, height), (0, top), (width, len(total)))
-            for k, shift in enumerate(shifts):
-                draw_rays(
+            total[:] = 0
+            part, corner = part_of(eye, (width, height), (0, top), (width, len(total)))
+            picture = pixels[top : top + len(total)]
+            if antialias > 1:
+                draw_folded(
                     tree,
                     lights,
                     part,
-                    (x + shift[0], y + shift[1]),
+                    antialias,
                     skin,
                     total,
                     crew,
-                    spacing=1.0 if len(shifts) == 1 else 0.0,
-                    first=k == 0,
+                    corner=corner,
+                    tone=tone,
+                    picture=picture,
                 )
-                if progress is not None:
-                    progress(top * len(shifts) + len(total) * (k + 1), height * len(shifts))
-            develop_rows(total, NONE_BLANK, len(shifts), tone, 0, len(total), pixels[top : top + len(total)])
+            else:
+                shift = (corner[0] + 0.5, corner[1] + 0.5)
+                draw_rays(
+                    tree, lights, part, shift, skin, total, crew, spacing=1.0, tone=tone, picture=picture
+                )
+            if progress is not None:
+                progress(top + len(total), height)
     finally:
         crew.close()
     return pixels

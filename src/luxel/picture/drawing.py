@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels import frame, tiles
+from luxel.kernels import folded, frame, tiles
 from luxel.kernels.light import Lights
 from luxel.kernels.lookup import opened_words
 from luxel.kernels.path import World
@@ -40,6 +40,7 @@ __all__ = [
     "bare_table",
     "blank_tiles",
     "checked_size",
+    "draw_folded",
     "draw_rays",
     "id_at",
     "make_eye",
@@ -78,7 +79,7 @@ class Crew:
         self.threads = thread_count(threads)
         self._pool: ThreadPoolExecutor | None = None
         self._lock = threading.Lock()
-        self._benches: deque[tuple[tuple[int, int], frame.Bench]] = deque(maxlen=self.threads)
+        self._benches: deque[tuple[tuple[int, int, int], frame.Bench]] = deque(maxlen=self.threads)
 
     def run(self, work: Callable[[], object]) -> None:
         """Call `work` on every thread at once and wait for all; re-raises an error."""
@@ -108,13 +109,13 @@ class Crew:
                 other.result()
 
     @contextlib.contextmanager
-    def bench(self, stack_size: int, words: int) -> Iterator[frame.Bench]:
-        """Lend one of the working memories that are kept, for trees of such a depth and textures of so many words when opened."""
-        sizes = stack_size, words
+    def bench(self, stack_size: int, words: int, rays: int = 0) -> Iterator[frame.Bench]:
+        """Lend one of the working memories that are kept, for trees of such a depth, textures of so many words when opened, and so many rays a pixel at once."""
+        sizes = stack_size, words, rays
         try:
             found, bench = self._benches.pop()
         except IndexError:
-            found = (-1, -1)
+            found = (-1, -1, -1)
         if found != sizes:
             bench = frame.make_bench(*sizes)
         try:
@@ -167,6 +168,55 @@ def draw_rays(
     crew.run(work)
     counts: list[int] = counter[1:].tolist()
     return counts
+
+
+def draw_folded(
+    tree: Tree,
+    lights: Lights,
+    eye: tiles.Eye,
+    antialias: int,
+    skin: frame.Skin,
+    total: NDArray[np.float32],
+    crew: Crew,
+    *,
+    corner: tuple[float, float] = (0.0, 0.0),
+    tone: Tone | None = None,
+    picture: NDArray[np.uint8] = NO_PICTURE,
+    nearest: Nearest = NO_NEAREST,
+) -> None:
+    """Send the rays of :func:`ray_shifts` through every pixel at once, see :func:`luxel.kernels.folded.draw_folded`.
+
+    As many calls of :func:`draw_rays` without a filter give the same sums.
+
+    Parameters
+    ----------
+    total
+        (H, W, 5) zeros.
+    corner
+        Added to the place of rays in their pixels, see :func:`part_of`.
+    tone, picture
+        The sums are developed by the one into the other, (H, W, 3), if there is one.
+    nearest
+        Written, if there is room: what pixels show at their centres; with an odd `antialias` only.
+    """
+    counter = np.zeros(1, np.int64)
+    height, width = total.shape[:2]
+    edge, blank = _block_edge(width, height, crew.threads), blank_tiles(width, height)
+    places = [(k + 0.5) / antialias for k in range(antialias)]
+    x, y = (np.array([first + place for place in places], np.float32) for first in corner)
+    order = np.empty(antialias**2, np.int32)
+    for k, shift in enumerate(ray_shifts(antialias)):
+        order[places.index(shift[1]) * antialias + places.index(shift[0])] = k
+    if tone is None:
+        tone = _untoned()
+
+    def work() -> None:
+        with crew.bench(tree.stack_size, opened_words(skin.texels), antialias**2) as bench:
+            folded.draw_folded(
+                tree, lights, eye, x, y, order, skin, NOT_SEEN, total, blank, *nearest, tone, picture, bench, counter, edge
+            )  # fmt: skip
+
+    crew.run(work)
 
 
 def blank_tiles(width: int, height: int) -> NDArray[np.uint8]:

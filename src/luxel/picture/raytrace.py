@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ from luxel.picture.drawing import (
     bare_table,
     blank_tiles,
     checked_size,
+    draw_folded,
     draw_rays,
     make_eye,
     make_skin,
@@ -145,7 +146,9 @@ def render(
             mapping=mapping,
         )
         table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, seen)
-        nearest = draw_textures(seen, eye, shifts, table, colors, total, workers, tone=tone, picture=pixels)
+        nearest = draw_textures(
+            seen, eye, antialias, table, colors, total, workers, tone=tone, picture=pixels
+        )
     distance, ids = nearest or trace_primary(seen, eye, width, height, _CENTRE, workers)
     if colorbar and view.color_by is not None:
         from luxel.picture.colorbar import draw_colorbar
@@ -177,7 +180,7 @@ def shown_ids(
 def draw_textures(
     world: World,
     eye: tiles.Eye,
-    shifts: list[tuple[float, float]],
+    antialias: int,
     table: TextureTable,
     colors: NDArray[np.float32],
     total: NDArray[np.float32],
@@ -187,35 +190,28 @@ def draw_textures(
     tone: Tone | None = None,
     picture: NDArray[np.uint8] = NO_PICTURE,
 ) -> Nearest | None:
-    """Add one textured ray a pixel for each of `shifts` to `total` (H, W, 5), zeros before; see ``kernels.frame``.
+    """Add `antialias`² textured rays a pixel to `total` (H, W, 5), zeros before; see ``kernels.frame``.
 
     With one ray a pixel, textures are filtered over the pixel unless `filtered` is False; several rays filter by themselves. The sums are
     developed by `tone` into `picture` (H, W, 3), if there is one. Returns what the pixels' centres show, if a ray goes through them.
     """
     height, width = total.shape[:2]
-    crew = Crew(threads)
-    skin, blank = make_skin(table, colors), blank_tiles(width, height)
-    centre = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+    crew, skin = Crew(threads), make_skin(table, colors)
+    nearest = NO_NEAREST
+    if antialias % 2:
+        nearest = np.empty((height, width), np.float32), np.empty((height, width), np.int32)
+    to: dict[str, Any] = {"nearest": nearest, "tone": tone, "picture": picture}
     try:
-        for k, shift in enumerate(shifts):
+        if antialias > 1:
+            draw_folded(world.tree, world.lights, eye, antialias, skin, total, crew, **to)
+        else:
+            blank, spacing = blank_tiles(width, height), 1.0 if filtered else 0.0
             draw_rays(
-                world.tree,
-                world.lights,
-                eye,
-                shift,
-                skin,
-                total,
-                crew,
-                spacing=1.0 if filtered and len(shifts) == 1 else 0.0,
-                blank=blank,
-                nearest=centre if shift == _CENTRE else NO_NEAREST,
-                rays=len(shifts),
-                tone=tone,
-                picture=picture if k == len(shifts) - 1 else NO_PICTURE,
+                world.tree, world.lights, eye, _CENTRE, skin, total, crew, spacing=spacing, blank=blank, **to
             )
     finally:
         crew.close()
-    return centre if _CENTRE in shifts else None
+    return nearest if antialias % 2 else None
 
 
 def _draw_pixels(

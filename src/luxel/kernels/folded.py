@@ -1,0 +1,170 @@
+"""Several rays a pixel at once: the rays of a fine picture, folded into a coarse one.
+
+With fold², say nine, rays a pixel, tiles of 8 × 8 rays are smaller, and their rays meet the same few spheres: the picture costs two thirds of nine
+pictures with one ray a pixel each. Light is kept until all rays of 8 × 8 pixels are there and is added up in a given order, so that the sums are those
+of `frame.draw_frame`, bit for bit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from luxel.kernels.frame import add_ray, collect_hits, find_slots, light_hits
+from luxel.kernels.jit import kernel
+from luxel.kernels.memory import take
+from luxel.kernels.textured import LIGHT, T
+from luxel.kernels.tiles import RAYS, TILE, meets_leaf, place_of, trace_points
+from luxel.kernels.tone import develop_block
+
+__all__ = ["draw_folded"]
+
+_ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0, 0.5, 1, 2))
+
+
+@kernel(borrows=True)
+def _lay_out(fold, order, place):
+    """Note where the light of ray j of tile q is kept: by pixels, for each of fold² rays in the order in which they are added up."""
+    for q in range(fold * fold):
+        for j in range(RAYS):
+            column, row = place_of(j)
+            x, y = q % fold * TILE + column, q // fold * TILE + row
+            k = order[y % fold * fold + x % fold]
+            place[q * RAYS + j] = k * RAYS + y // fold * TILE + x // fold
+
+
+@kernel(borrows=True)
+def _point(tile, fold, q, tx, ty, shifts_x, shifts_y):
+    """Put the points of tile q, rounded as those of `tiles.trace_tile` are."""
+    lines = tile.lanes
+    for c in range(TILE):
+        x, y = q % fold * TILE + c, q // fold * TILE + c
+        lines[c] = np.float32(x // fold) + (np.float32(tx) + shifts_x[x % fold])
+        lines[TILE + c] = np.float32(y // fold) + (np.float32(ty) + shifts_y[y % fold])
+    for j in range(RAYS):
+        column, row = place_of(j)
+        tile.points[j], tile.points[RAYS + j] = lines[column], lines[TILE + row]
+
+
+@kernel(inline=True, borrows=True)
+def _keep(kept, q, hits):
+    for j in range(RAYS):
+        at = kept.place[q * RAYS + j]
+        kept.who[at], kept.light[at], kept.far[at] = hits.who[j], hits.words[LIGHT + j], hits.words[T + j]
+
+
+@kernel(inline=True, borrows=True)
+def _keep_nothing(kept, q):
+    for j in range(RAYS):
+        kept.who[kept.place[q * RAYS + j]] = -1
+
+
+@kernel(borrows=True)
+def _fold(kept, rays, colors, total, tx, ty):
+    """Add up what is kept of 8 × 8 pixels."""
+    for k in range(rays):
+        for j in range(RAYS):
+            i = kept.who[k * RAYS + j]
+            if i >= 0:
+                add_ray(total, ty + j // TILE, tx + j % TILE, colors, i, kept.light[k * RAYS + j], False)
+
+
+@kernel(borrows=True)
+def _note_centres(kept, met, centre, width, height, tx, ty, distance, ids):
+    """Write what the rays through the middles of 8 × 8 pixels have hit, as ``tiles.note_nearest`` does."""
+    for row in range(min(TILE, height - ty)):
+        for column in range(min(TILE, width - tx)):
+            at = centre * RAYS + row * TILE + column
+            hit = met and kept.who[at] >= 0
+            distance[ty + row, tx + column] = kept.far[at] if hit else np.float32(np.inf)
+            ids[ty + row, tx + column] = kept.who[at] if hit else np.int32(-1)
+
+
+@kernel(borrows=True)
+def _draw_pixels(tree, lights, eye, shifts_x, shifts_y, left, top, skin, seen, width, height, tx, ty, bench):
+    """Trace and light the rays of 8 × 8 pixels, and keep what they bring; returns whether any came near a sphere."""
+    fold = shifts_x.shape[0]
+    columns, rows = fold * width, fold * height
+    across, down = _TWO / np.float32(columns), _TWO / np.float32(rows)
+    traced, found, ready = bench.hits
+    found_q = ready_q = -1
+    met = False
+    for q in range(fold * fold + 2):
+        now = -1
+        if q < fold * fold:
+            x, y = q % fold * TILE, q // fold * TILE
+            _point(bench.tile, fold, q, tx, ty, shifts_x, shifts_y)
+            if not trace_points(
+                tree, eye, bench.tile, width, height, left + np.float32(x) * across, top - np.float32(y) * down,
+                np.float32(TILE) * across, np.float32(TILE) * down,
+            ):  # fmt: skip
+                _keep_nothing(bench.kept, q)
+                continue
+            met = True
+            now = q
+            collect_hits(
+                tree, bench.tile, traced, skin, True, seen, columns, rows, fold * tx + x, fold * ty + y
+            )
+        if ready_q >= 0:
+            light_hits(tree, lights, eye, bench, skin, ready, _ZERO, True, False)
+            _keep(bench.kept, ready_q, ready)
+        if found_q >= 0:
+            find_slots(found, skin, seen, bench.tally)
+        traced, found, ready = ready, traced, found
+        ready_q, found_q = found_q, now
+    return met
+
+
+@kernel(borrows=True)
+def draw_folded(
+    tree, lights, eye, shifts_x, shifts_y, order, skin, seen, total, blank, distance, ids, tone, picture, bench, counter, edge
+):  # fmt: skip
+    """Send rays through (x + shifts_x[a], y + shifts_y[b]) of every pixel, all a and b, and add what they bring to `total`.
+
+    Textures are looked up without a filter. Several threads may call at once, see `frame.draw_frame`.
+
+    Parameters
+    ----------
+    shifts_x, shifts_y
+        (fold,) float32, evenly spaced by 1 / fold, the first one half of that away from the side of a pixel.
+    order
+        (fold²,) int32: when the ray through shifts_x[a] and shifts_y[b] is added, at b · fold + a.
+    seen
+        (0,) uint8.
+    total, blank, tone, picture, counter, edge
+        See `frame.draw_frame`; `total` holds zeros before.
+    distance, ids
+        As there, of the rays through the middles of pixels, with an odd fold only.
+    bench
+        Of one thread, with room for the rays of 8 × 8 pixels.
+    """
+    fold = shifts_x.shape[0]
+    height, width = total.shape[0], total.shape[1]
+    base_x = shifts_x[0] - _HALF / np.float32(fold)
+    base_y = shifts_y[0] - _HALF / np.float32(fold)
+    wide, high = _TWO / np.float32(width), _TWO / np.float32(height)
+    side = edge * TILE
+    across, down = (width + side - 1) // side, (height + side - 1) // side
+    centre = order[order.shape[0] // 2]
+    _lay_out(fold, order, bench.kept.place)
+    while True:
+        block = take(counter, 1)
+        if block >= across * down:
+            break
+        x, y = block % across * side, block // across * side
+        right, bottom = min(x + side, width), min(y + side, height)
+        for ty in range(y, bottom, TILE):
+            for tx in range(x, right, TILE):
+                left = (np.float32(tx) + base_x) * wide - _ONE
+                top = _ONE - (np.float32(ty) + base_y) * high
+                met = meets_leaf(
+                    tree, eye, bench.tile, left, top, np.float32(TILE) * wide, np.float32(TILE) * high
+                ) and _draw_pixels(
+                    tree, lights, eye, shifts_x, shifts_y, left, top, skin, seen, width, height, tx, ty, bench
+                )  # fmt: skip
+                if met:
+                    blank[ty // TILE, tx // TILE] = 0
+                    _fold(bench.kept, fold * fold, skin.colors, total, tx, ty)
+                if ids.shape[0] > 0:
+                    _note_centres(bench.kept, met, centre, width, height, tx, ty, distance, ids)
+        if picture.shape[0] > 0:
+            develop_block(total, blank, fold * fold, tone, x, right, y, bottom, picture)
