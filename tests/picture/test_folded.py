@@ -7,7 +7,6 @@ import pytest
 
 import luxel
 from luxel.kernels import FIRST_LIGHT
-from luxel.kernels.folded import draw_folded as kernel
 from luxel.light.world import make_world
 from luxel.picture.drawing import (
     NO_NEAREST,
@@ -55,7 +54,8 @@ def test_sums_are_those_of_single_rays(antialias: int, size: tuple[int, int], or
     )  # fmt: skip
     crew.close()
     np.testing.assert_array_equal(found, expected)
-    assert 0.2 < (found[:, :, 4] == antialias**2).mean() < 0.98, "no edges to test"
+    covered = (found[:, :, 4] == antialias**2).mean()
+    assert 0.05 < covered < 0.95, "nothing to test"
     if antialias % 2:
         distance, ids = trace_primary(world, eye, width, height, (0.5, 0.5), 1)
         np.testing.assert_array_equal(nearest[0], distance)
@@ -69,4 +69,3 @@ def test_background_alone_stays_blank() -> None:
     assert picture.ids is not None
     assert (picture.ids == -1).all()
     assert len(np.unique(picture.array.reshape(-1, 3), axis=0)) == 1
-    assert kernel.signatures
