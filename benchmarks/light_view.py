@@ -18,7 +18,8 @@ from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
 from luxel.trace.tree import thread_count
 
-_VIEWS = 5
+_VIEWS = 9
+_NEW_VIEW_SIDE = 1024
 
 
 def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, patience_s: float) -> Rows:
@@ -27,7 +28,7 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
     Parameters
     ----------
     side, picture_side
-        Pixels along a side: what defines the visible set, and the pictures that are drawn and compared.
+        Pixels along a side: what defines the visible set, and the pictures that are compared with converged ones.
     truth_samples
         Paths a pixel of each of the two converged pictures.
     patience_s
@@ -70,9 +71,9 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
         remark = f"{prepare_s:.2f} s preparation; {1e6 * took / len(chosen):.0f} us a texture, {how}"
         row(f"{what} lit at default quality", prepare_s + took, "s", remark)
 
-    size = (picture_side, picture_side)
+    size = (_NEW_VIEW_SIDE, _NEW_VIEW_SIDE)
     textures = bake_with(baker, visible_ids(scene, camera, size, antialias=3))
-    for antialias, what in ((3, "nine rays a pixel"), (1, "one ray a pixel")):
+    for antialias, what in ((3, "nine rays a pixel"), (2, "four rays a pixel"), (1, "one ray a pixel")):
         times = []
         for k in range(_VIEWS + 1):
             view = luxel.View(camera=_stepped(camera, 0.01 * k))
@@ -80,12 +81,14 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
             render(scene, view, textures=textures, size=size, antialias=antialias, colorbar=False)
             times.append(1e3 * (perf_counter() - start))
         row(
-            f"new view at {picture_side}², {what}",
+            f"new view at {_NEW_VIEW_SIDE}², {what}",
             float(np.median(times[1:])),
             "ms",
             f"median of {_VIEWS}, whole call",
         )
 
+    size = (picture_side, picture_side)
+    textures = bake_with(baker, visible_ids(scene, camera, size, antialias=3))
     view = luxel.View(camera=camera)
     common: dict[str, Any] = {"size": size, "antialias": 3, "colorbar": False}
     start = perf_counter()
