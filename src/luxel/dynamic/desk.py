@@ -25,6 +25,7 @@ from luxel.dynamic.entries import (
 )
 from luxel.dynamic.queue import RequestQueue
 from luxel.dynamic.sightings import Ids, Sighting
+from luxel.kernels.requests import list_lacking
 
 __all__ = ["Desk", "Kind", "Piece"]
 
@@ -297,29 +298,27 @@ class Desk:
                 self._ask(light, sighting)
 
     def _ask(self, light: Entries, sighting: Sighting) -> None:
-        ids = sighting.part(self.number, len(self._cache.shards))
-        state = light.state.take(ids)
-        wanting = WANTING.take(state)
-        ids, state = ids[wanting], state[wanting]
+        visible = sighting.part(self.number, len(self._cache.shards))
+        ids, state = np.empty(len(visible), np.int32), np.empty(len(visible), np.uint8)
+        count = list_lacking(visible, light.state, WANTING, ids, state)
+        ids, state = ids[:count], state[:count]
         distance, pixels = sighting.measure(ids)
         distance = np.asarray(distance, np.float64)
         width = np.zeros(len(ids)) if pixels is None else np.asarray(pixels, np.float64)
         bare = grade_of(state) == NONE
-        content = ~bare & (width < self.small_pixels) if pixels is not None else np.zeros(len(ids), np.bool_)
         asked = {
             Kind.FIRST_LIGHT: bare & ((state & np.uint8(LIT | DAWNING)) == 0),
             Kind.FIRST_TEXTURE: bare,
-            Kind.REFINEMENT: ~(bare | content),
+            Kind.REFINEMENT: ~bare if pixels is None else ~(bare | (width < self.small_pixels)),
         }
         if not len(light.coarse):
             asked[Kind.FIRST_LIGHT][:] = False
-        work = work_of(state)
+        queued = work_of(state) == QUEUED
         for kind, chosen in asked.items():
             if kind in self._hopeless:
-                chosen[:] = False
-            elif kind is not Kind.FIRST_LIGHT:
-                idle = np.flatnonzero(chosen & (work != QUEUED))
+                chosen = np.zeros(len(ids), np.bool_)
+            elif kind is not Kind.FIRST_LIGHT and (fresh := chosen & ~queued).any():
+                idle = np.flatnonzero(fresh)  # some may be more than that by now
                 chosen[idle] = self._cache.mark_queued(light, ids[idle])
-            self._queues[kind].push(
-                ids[chosen], distance[chosen], width[chosen], sighting.seen_s, sighting.client
-            )
+            few = [ids, distance, width] if chosen.all() else [each[chosen] for each in (ids, distance, width)]
+            self._queues[kind].push(*few, sighting.seen_s, sighting.client)

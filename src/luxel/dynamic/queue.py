@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.dynamic.sightings import Ids
+from luxel.kernels.requests import carry_over, mark_common
 
 __all__ = [
     "DISTANCE_S",
@@ -26,8 +27,10 @@ __all__ = [
 DISTANCE_S = 2.0
 # Of a particle as wide as this many pixels, one of twice the width counts as if it had been seen a second later.
 _PIXELS = 8.0
-# Requests that are put in order at a time.
-_RUN_COUNT = 2048
+# Requests that are put in order at a time: few, since after the next sighting it is another order; then more and more.
+_RUN_COUNT, _LONGEST_RUN = 256, 4096
+# A list so many times longer than another is looked up in it by halves.
+_MUCH_LONGER = 16
 
 _NO_IDS: Ids = np.empty(0, dtype=np.int32)
 
@@ -105,15 +108,21 @@ class _Client:
 
     latest: Requests = _NOTHING
     earlier: Requests = _NOTHING
+    oldest_s: float = math.inf  # no earlier request was seen before
 
     def remove(self, ids: Ids) -> None:
         """Take out some requests, ascending ids."""
-        self.latest = self.latest.part(~_is_in(self.latest.ids, ids))
-        self.earlier = self.earlier.part(~_is_in(self.earlier.ids, ids))
+        self.latest = _without(self.latest, ids)
+        self.earlier = _without(self.earlier, ids)
+
+    def keep_earlier(self, requests: Requests) -> None:
+        """Replace the earlier requests."""
+        self.earlier = requests
+        self.oldest_s = float(requests.seen_s.min()) if len(requests) else math.inf
 
     def expire(self, before_s: float) -> None:
-        if len(self.earlier) and self.earlier.seen_s.min() <= before_s:
-            self.earlier = self.earlier.part(self.earlier.seen_s > before_s)
+        if self.oldest_s <= before_s:
+            self.keep_earlier(self.earlier.part(self.earlier.seen_s > before_s))
 
 
 class RequestQueue:
@@ -153,6 +162,7 @@ class RequestQueue:
         self._left = 0  # one number, so that whoever asks without a lock is not told nonsense
         self._run: NDArray[np.intp] = np.empty(0, np.intp)  # the best of `_all`, best first …
         self._head = 0  # … those before have been looked at
+        self._run_count = _RUN_COUNT  # how many to put in order next
         self._stale = False  # clients changed since `_all` was made
 
     def __len__(self) -> int:
@@ -210,7 +220,8 @@ class RequestQueue:
             np.asarray(distance, np.float64),
             np.zeros(len(ids)) if pixels is None else np.asarray(pixels, np.float64),
         )
-        known.earlier = _joined([earlier, rest])
+        if earlier is not known.earlier or len(rest):
+            known.keep_earlier(_joined([earlier, rest]))
 
     def forget(self, client: str) -> None:
         """Withdraw what only this client asked for; :meth:`refresh` does it."""
@@ -224,9 +235,7 @@ class RequestQueue:
         They lapsed or were withdrawn, or `max_count` had no room for them.
         """
         before_s = now_s - self.expiry_s
-        if not self._stale and not any(
-            len(each.earlier) and each.earlier.seen_s.min() <= before_s for each in self._clients.values()
-        ):
+        if not self._stale and all(each.oldest_s > before_s for each in self._clients.values()):
             return _NO_IDS
         self._settle_taken()
         for each in self._clients.values():
@@ -243,7 +252,7 @@ class RequestQueue:
         """Give up, before they lapse, requests that no client's latest sighting shows; :meth:`refresh` does it."""
         self._settle_taken()
         for each in self._clients.values():
-            each.earlier = _NOTHING
+            each.keep_earlier(_NOTHING)
         self._stale = True
 
     def limit(self, count: int) -> Ids:
@@ -292,7 +301,7 @@ class RequestQueue:
         self._priority = self.heuristic(requests)
         self._taken = np.zeros(len(requests), np.bool_)
         self._left = len(requests)
-        self._run, self._head = self._run[:0], 0
+        self._run, self._head, self._run_count = self._run[:0], 0, _RUN_COUNT
 
     def _take(self, place: NDArray[np.intp]) -> None:
         self._taken[place] = True
@@ -302,9 +311,10 @@ class RequestQueue:
         """Put the best of what waits in order; the whole would cost more than most of it is worth before it changes."""
         waiting = np.flatnonzero(~self._taken)
         priority = -self._priority[waiting]
-        if len(waiting) > 2 * _RUN_COUNT:
-            best = np.argpartition(priority, _RUN_COUNT)[:_RUN_COUNT]
+        if len(waiting) > 2 * self._run_count:
+            best = np.argpartition(priority, self._run_count)[: self._run_count]
             waiting, priority = waiting[best], priority[best]
+        self._run_count = min(2 * self._run_count, _LONGEST_RUN)
         self._run = waiting[np.argsort(priority, kind="stable")]
         self._head = 0
 
@@ -316,19 +326,22 @@ class RequestQueue:
     def _remove(self, ids: Ids) -> None:
         for each in self._clients.values():
             each.remove(ids)
-        left = self._all.part(~_is_in(self._all.ids, ids))
-        self._set(left)
+        self._set(_without(self._all, ids))
+
+
+def _without(requests: Requests, ids: Ids) -> Requests:
+    """Return requests but those for some particles, ascending ids."""
+    gone = _is_in(requests.ids, ids)
+    return requests.part(~gone) if gone.any() else requests
 
 
 def _carry_over(old: Requests, ids: Ids, since: Floats) -> Requests:
     """Keep since when particles have been asked for that are sighted again; return the requests for others."""
     if not len(old):
-        return _NOTHING
-    place = np.searchsorted(ids, old.ids)
-    place[place == len(ids)] = 0
-    again = ids[place] == old.ids if len(ids) else np.zeros(len(old), np.bool_)
-    since[place[again]] = old.since_s[again]
-    return old.part(~again)
+        return old
+    gone = np.empty(len(old), np.bool_)
+    count = carry_over(old.ids, old.since_s, ids, since, gone)
+    return old if count == len(old) else old.part(gone) if count else _NOTHING
 
 
 def _joined(parts: Iterable[Requests]) -> Requests:
@@ -363,10 +376,15 @@ def _merged(parts: Iterable[Requests]) -> Requests:
 
 
 def _is_in(ids: Ids, ascending: Ids) -> NDArray[np.bool_]:
-    """(K,) bool: which of `ids` occur in `ascending`. Faster than np.isin, which sorts both."""
+    """(K,) bool: which of `ids` occur in `ascending`; both ascend."""
     if not len(ascending) or not len(ids):
         return np.zeros(len(ids), dtype=bool)
-    place = np.searchsorted(ascending, ids)
-    place[place == len(ascending)] = 0
-    found: NDArray[np.bool_] = ascending[place] == ids
+    found: NDArray[np.bool_]
+    if _MUCH_LONGER * len(ids) < len(ascending):
+        place = np.searchsorted(ascending, ids)
+        place[place == len(ascending)] = 0
+        found = ascending[place] == ids
+    else:
+        found = np.empty(len(ids), np.bool_)
+        mark_common(ids, ascending, found)
     return found
