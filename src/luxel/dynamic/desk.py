@@ -62,8 +62,6 @@ class Piece:
 
 # Fewer are not worth a piece of work of their own: every fourth goes to those who have waited longest, and new ones would wait for many.
 _LEAST = {Kind.FIRST_LIGHT: 32}
-# While there is something to do, newer sightings wait so long: many workers would spend more on what each frame has seen than on light.
-_SEE_EVERY_S = 0.02
 
 
 class Desk:
@@ -97,7 +95,6 @@ class Desk:
         self._again: deque[tuple[Kind, int]] = deque()
         self._light: Entries | None = None
         self._version = -1
-        self._looked_s = -math.inf  # when sightings were taken in
         self._taken_in: dict[str, int] = {}
         self._over_budget = 0
         self._look_again = False  # once nothing waits any more
@@ -113,6 +110,14 @@ class Desk:
             self._taken_in = {}
             self._hopeless = set()
             self._over_budget = 0
+
+    def look(self, now_s: float) -> None:
+        """Take in what frames have sighted, unless another thread is at this desk: whoever takes work later does it then."""
+        if self._version != self._cache.version and self._lock.acquire(blocking=False):
+            try:
+                self._refresh(now_s)
+            finally:
+                self._lock.release()
 
     def waiting(self, now_s: float) -> dict[Kind, int]:
         """How many particles wait for each kind of work that can be done, second attempts included."""
@@ -131,7 +136,7 @@ class Desk:
         Second attempts have waited longest of all.
         """
         with self._lock:
-            self._refresh(now_s, patient=True)
+            self._refresh(now_s)
             found = {kind: self._queues[kind].oldest_s for kind in kinds if len(self._queues[kind])}
             return found | {kind: -math.inf for kind, _ in self._again if kind in kinds}
 
@@ -168,7 +173,7 @@ class Desk:
         with self._lock:
             if light is not self._light:
                 return None
-            self._refresh(now_s, patient=True)
+            self._refresh(now_s)
             for _ in range(len(self._again)):
                 tried, particle = self._again.popleft()
                 if tried is kind:
@@ -240,11 +245,8 @@ class Desk:
             other = Kind.REFINEMENT if kind is Kind.FIRST_TEXTURE else Kind.FIRST_TEXTURE
             self._release(kind, np.setdiff1d(ids, self._queues[other].ids, assume_unique=True))
 
-    def _refresh(self, now_s: float, *, patient: bool = False) -> None:
-        """Take in what frames have sighted, drop what lapsed, and give up what there is no room for.
-
-        If `patient`, and there is something to do, what was sighted just after the last time may wait.
-        """
+    def _refresh(self, now_s: float) -> None:
+        """Take in what frames have sighted, drop what lapsed, and give up what there is no room for."""
         light = self._light
         if light is None:
             return

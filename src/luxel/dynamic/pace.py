@@ -1,15 +1,16 @@
-"""Pace: how fast work goes, and so how much of it makes a piece of a given time."""
+"""Pace: how fast work goes, what each piece costs besides, and so how much of it makes a piece of a given time."""
 
 from __future__ import annotations
 
 from collections import deque
 
-__all__ = ["Pace", "Rate"]
+__all__ = ["Cost", "Pace", "Rate"]
 
 _LARGEST_PIECE = 1024
 # Before anything is known: tiny pieces would be as many messages to a page, but a frame's budget must not be overrun by much.
 _FIRST_PIECE, _FIRST_CAREFUL_PIECE = 16, 1
 _WINDOW_S = 3.0
+_COST_RISES, _COST_FALLS = 1 / 8, 1 / 2
 
 
 class Pace:
@@ -38,6 +39,25 @@ class Pace:
         if self.each_s == 0:
             return largest
         return int(max(1, min(limit_s / self.each_s, largest)))
+
+
+class Cost:
+    """What a piece costs, however small: taking it and handing it in. Holds no lock and no clock.
+
+    Attributes
+    ----------
+    each_s
+        Seconds, of the cheaper ones among the last pieces; 0 before anything is known.
+    """
+
+    def __init__(self) -> None:
+        self.each_s = 0.0
+
+    def record(self, took_s: float) -> None:
+        """Note what one piece cost."""
+        more_s = max(0.0, took_s) - self.each_s
+        # One that compiled something or waited long for others must not pass for the rule for long.
+        self.each_s += more_s * (_COST_FALLS if more_s < 0 or self.each_s == 0 else _COST_RISES)
 
 
 class Rate:
