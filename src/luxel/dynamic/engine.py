@@ -249,7 +249,7 @@ class Engine:
         """Work on the caller's thread, and with its `helpers`, until `budget_s` seconds have passed or nothing is left; return pieces done.
 
         Sightings are taken in first. Pieces are made to fit into what is left of the budget then, as far as their pace is known and what handling them costs, and
-        none is begun that is known not to fit, but for the first. So the budget is overrun by what the last piece takes longer than such
+        none is begun that is known not to fit, or to be more handling than work, but for the first. So the budget is overrun by what the last piece takes longer than such
         pieces did before, or by the one piece that is done.
         """
         self._check_open()
@@ -394,11 +394,13 @@ class Engine:
             key = lit.light.key
             shop = self._workshops.get(key)
             careful = not math.isinf(left_s)
-            if careful:
-                left_s -= self._handling.each_s
+            handling_s = self._handling.each_s if careful else 0.0
+            left_s -= handling_s
             limit_s = left_s if left_s <= _LAST_PIECE * piece_s else piece_s
             paces = {
-                kind: pace for kind, pace in self._paces.items() if not must_fit or pace.each_s <= left_s
+                kind: pace
+                for kind, pace in self._paces.items()
+                if not must_fit or max(handling_s, pace.each_s) <= left_s
             }
             most = {kind: pace.count(limit_s, careful=careful) for kind, pace in paces.items()}
             self._turn += 1

@@ -19,18 +19,23 @@ class Pace:
     Attributes
     ----------
     each_s
-        Seconds for one particle on one thread, as last found; 0 before anything is known.
+        Seconds for one particle on one thread, as found lately; 0 before anything is known.
     """
 
     def __init__(self) -> None:
         self.each_s = 0.0
+        self._took_s = self._count = 0.0  # of the last piece, half of the one before, and so on
         self._largest = 0  # pieces at most double
 
     def record(self, took_s: float, count: int) -> None:
         """Note that `count` particles took so many seconds."""
         now = max(0.0, took_s) / count
         # A single slow piece, such as a first call that compiles, must not make pieces tiny for long, nor a fast one make them huge.
-        self.each_s = now if self.each_s == 0 else min(max(now, self.each_s / 2), self.each_s * 2)
+        if self.each_s > 0:
+            now = min(max(now, self.each_s / 2), self.each_s * 2)
+        # By particles, not by pieces: the few that fill up a budget take longer each.
+        self._took_s, self._count = self._took_s / 2 + now * count, self._count / 2 + count
+        self.each_s = self._took_s / self._count
         self._largest = min(_LARGEST_PIECE, max(self._largest, 2 * count))
 
     def count(self, limit_s: float, *, careful: bool = False) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.dynamic.sightings import Ids
-from luxel.kernels.requests import carry_over, mark_common
+from luxel.kernels.requests import carry_over, mark_common, pick
 
 __all__ = [
     "DISTANCE_S",
@@ -65,15 +65,20 @@ class Requests:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def part(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Requests:
+    def part(self, chosen: NDArray[np.bool_]) -> Requests:
         """Return some of them."""
-        return Requests(
-            self.ids[chosen],
-            self.seen_s[chosen],
-            self.since_s[chosen],
-            self.distance[chosen],
-            self.pixels[chosen],
-        )
+        count = np.count_nonzero(chosen)
+        some = Requests(np.empty(count, np.int32), *(np.empty(count) for _ in range(4)))
+        pick(chosen, *self._columns, *some._columns)
+        return some
+
+    def at(self, places: NDArray[np.intp]) -> Requests:
+        """Return those at some places."""
+        return Requests(*(column[places] for column in self._columns))
+
+    @property
+    def _columns(self) -> tuple[Ids, Floats, Floats, Floats, Floats]:
+        return self.ids, self.seen_s, self.since_s, self.distance, self.pixels
 
 
 _NOTHING = Requests(_NO_IDS, *(np.empty(0) for _ in range(4)))
@@ -284,9 +289,9 @@ class RequestQueue:
         if not len(self):
             return _NO_IDS
         place = np.flatnonzero((self._all.since_s == self.oldest_s) & ~self._taken)
-        best = np.argsort(-self._priority[place], kind="stable")[:count]
-        self._take(place[best])
-        return self._all.ids[place[best]]
+        best = place[_least(-self._priority[place], count)]
+        self._take(best)
+        return self._all.ids[best]
 
     def clear(self) -> Ids:
         """Withdraw everything and forget all clients; return the ids of what waited."""
@@ -310,12 +315,8 @@ class RequestQueue:
     def _sort_run(self) -> None:
         """Put the best of what waits in order; the whole would cost more than most of it is worth before it changes."""
         waiting = np.flatnonzero(~self._taken)
-        priority = -self._priority[waiting]
-        if len(waiting) > 2 * self._run_count:
-            best = np.argpartition(priority, self._run_count)[: self._run_count]
-            waiting, priority = waiting[best], priority[best]
+        self._run = waiting[_least(-self._priority[waiting], self._run_count)]
         self._run_count = min(2 * self._run_count, _LONGEST_RUN)
-        self._run = waiting[np.argsort(priority, kind="stable")]
         self._head = 0
 
     def _settle_taken(self) -> None:
@@ -324,9 +325,21 @@ class RequestQueue:
             self._remove(self._all.ids[self._taken])
 
     def _remove(self, ids: Ids) -> None:
+        before, left = self._all, _without(self._all, ids)
         for each in self._clients.values():
-            each.remove(ids)
-        self._set(_without(self._all, ids))
+            if each.latest is before:  # it alone asks for anything
+                each.latest = left
+            else:
+                each.remove(ids)
+        self._set(left)
+
+
+def _least(values: Floats, count: int) -> NDArray[np.intp]:
+    """Where the least `count` of some values are, the least first; of equal ones the first."""
+    if len(values) <= 2 * count:
+        return np.argsort(values, kind="stable")[:count]
+    places = np.flatnonzero(~(values > np.partition(values, count - 1)[count - 1]))
+    return places[np.argsort(values[places], kind="stable")[:count]]
 
 
 def _without(requests: Requests, ids: Ids) -> Requests:
@@ -355,7 +368,7 @@ def _joined(parts: Iterable[Requests]) -> Requests:
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("ids", "seen_s", "since_s", "distance", "pixels")
     ]
-    return Requests(*arrays).part(np.argsort(arrays[0], kind="stable"))
+    return Requests(*arrays).at(np.argsort(arrays[0], kind="stable"))
 
 
 def _merged(parts: Iterable[Requests]) -> Requests:

@@ -7,7 +7,7 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import prefetch
 
-__all__ = ["carry_over", "list_lacking", "mark_common", "sort_by_shard"]
+__all__ = ["carry_over", "list_lacking", "mark_common", "pick", "sort_by_shard"]
 
 _AHEAD = 24  # particles: what is asked for so early is there in time
 
@@ -55,6 +55,17 @@ def carry_over(old_ids, old_since, ids, since, gone):
         gone[k] = not again
         count += not again
     return count
+
+
+@kernel
+def pick(chosen, ids, seen, since, distance, pixels, some_ids, some_seen, some_since, some_distance, some_pixels):
+    """Copy the `chosen`, (K,) bool, of five columns (K,) of requests to columns that are as long as there are."""
+    count = 0
+    for k in range(chosen.shape[0]):
+        if chosen[k]:
+            some_ids[count], some_seen[count], some_since[count] = ids[k], seen[k], since[k]
+            some_distance[count], some_pixels[count] = distance[k], pixels[k]
+            count += 1
 
 
 @kernel
