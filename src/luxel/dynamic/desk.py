@@ -112,12 +112,10 @@ class Desk:
             self._over_budget = 0
 
     def look(self, now_s: float) -> None:
-        """Take in what frames have sighted, unless another thread is at this desk: whoever takes work later does it then."""
-        if self._version != self._cache.version and self._lock.acquire(blocking=False):
-            try:
+        """Take in what frames have sighted."""
+        if self._version != self._cache.version:
+            with self._lock:
                 self._refresh(now_s)
-            finally:
-                self._lock.release()
 
     def waiting(self, now_s: float) -> dict[Kind, int]:
         """How many particles wait for each kind of work that can be done, second attempts included."""
@@ -150,6 +148,15 @@ class Desk:
         """Visible particles that the cache has no room for, as of the last look."""
         return self._over_budget
 
+    def take_known(self, light: Entries, kind: Kind, most: int, threads: int) -> Piece | None:
+        """As :meth:`take`, of what has been taken in before; None if another thread is at this desk."""
+        if not len(self._queues[kind]) or not self._lock.acquire(blocking=False):
+            return None
+        try:
+            return self._pop(light, kind, most, threads, oldest=False) if light is self._light else None
+        finally:
+            self._lock.release()
+
     def take(
         self, light: Entries, kind: Kind, most: int, now_s: float, threads: int, *, oldest: bool = False
     ) -> Piece | None:
@@ -179,18 +186,7 @@ class Desk:
                 if tried is kind:
                     return Piece(kind, light, np.array([particle], np.int32), alone=True)
                 self._again.append((tried, particle))
-            queue = self._queues[kind]
-            count = min(most, max(_LEAST.get(kind, 1), -(-len(queue) // threads)))
-            if kind is Kind.REFINEMENT:
-                count = min(count, self._spare())
-            # What another client or a frame has overtaken is not in the queued state any more.
-            while count > 0 and len(queue):
-                ids = queue.pop_oldest(count) if oldest else queue.pop(count)
-                mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
-                ids = ids[mark(light, ids)]
-                if len(ids):
-                    return Piece(kind, light, ids)
-            return None
+            return self._pop(light, kind, most, threads, oldest=oldest)
 
     def done(self, piece: Piece, grade: int) -> None:
         """Note that textures of a piece are there, or given up (`NONE`).
@@ -220,6 +216,20 @@ class Desk:
     def _spare(self) -> int:
         """Refined textures that could be stored now, while frames hold those that they replace."""
         return self._cache.shards[self.number].spare()
+
+    def _pop(self, light: Entries, kind: Kind, most: int, threads: int, *, oldest: bool) -> Piece | None:
+        queue = self._queues[kind]
+        count = min(most, max(_LEAST.get(kind, 1), -(-len(queue) // threads)))
+        if kind is Kind.REFINEMENT:
+            count = min(count, self._spare())
+        # What another client or a frame has overtaken is not in the queued state any more.
+        while count > 0 and len(queue):
+            ids = queue.pop_oldest(count) if oldest else queue.pop(count)
+            mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
+            ids = ids[mark(light, ids)]
+            if len(ids):
+                return Piece(kind, light, ids)
+        return None
 
     def _clear(self, kinds: Collection[Kind] = tuple(Kind)) -> None:
         for kind in kinds:
@@ -322,5 +332,7 @@ class Desk:
             elif kind is not Kind.FIRST_LIGHT and (fresh := chosen & ~queued).any():
                 idle = np.flatnonzero(fresh)  # some may be more than that by now
                 chosen[idle] = self._cache.mark_queued(light, ids[idle])
-            few = [ids, distance, width] if chosen.all() else [each[chosen] for each in (ids, distance, width)]
+            few = (
+                [ids, distance, width] if chosen.all() else [each[chosen] for each in (ids, distance, width)]
+            )
             self._queues[kind].push(*few, sighting.seen_s, sighting.client)

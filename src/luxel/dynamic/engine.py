@@ -136,6 +136,7 @@ class Engine:
         self._since_oldest = 0  # pieces since one went to those that have waited longest
         self._events = 0  # counts what may give a sleeping worker something to do, besides sightings
         self._paces = {kind: Pace() for kind in Kind}
+        self._looking = threading.Lock()  # who takes sightings in at the start of a budget
         self._handling = Cost()  # of pieces that are done within a budget
         self._rate = Rate()
         self._error: str | None = None
@@ -257,11 +258,15 @@ class Engine:
             return 0
         begun_s = self._clock()
         end_s = begun_s + budget_s
-        for desk in self._desks:
-            desk.look(begun_s)
+        known = not self._look(begun_s)
         count = 0
         while (left_s := end_s - (begun_s := self._clock())) > 0 or not count:
-            job = self._take(max(0.0, left_s), must_fit=count > 0, helpers=helpers)
+            job = None
+            if known:  # another thread has not come to the end of what is new: meanwhile, what waits since earlier frames
+                known = False
+                job = self._take(max(0.0, left_s), known=True, helpers=helpers)
+            if job is None:
+                job = self._take(max(0.0, left_s), must_fit=count > 0, helpers=helpers)
             if job is None:
                 break
             work_s = self._do(job)
@@ -272,6 +277,17 @@ class Engine:
             if self._closed:
                 break
         return count
+
+    def _look(self, now_s: float) -> bool:
+        """Take in what frames have sighted; False if another thread is doing so: two would only wait for each other's Python."""
+        if not self._looking.acquire(blocking=False):
+            return False
+        try:
+            for desk in self._desks:
+                desk.look(now_s)
+        finally:
+            self._looking.release()
+        return True
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Block until every request is satisfied and every listener has been told; False after `timeout_s`.
@@ -382,9 +398,17 @@ class Engine:
             self._ring()
 
     def _take(
-        self, limit_s: float = math.inf, *, must_fit: bool = False, helpers: Helpers | None = None
+        self,
+        limit_s: float = math.inf,
+        *,
+        must_fit: bool = False,
+        known: bool = False,
+        helpers: Helpers | None = None,
     ) -> Job | None:
-        """Return the next piece of work: a baker, else work on particles, else what must be prepared for that."""
+        """Return the next piece of work: a baker, else work on particles, else what must be prepared for that.
+
+        If `known`, work on particles that needs no look at what frames have sighted, and no waiting for threads that take some.
+        """
         now_s = self._clock()
         left_s, piece_s = limit_s, _PIECE_S * max(1.0, self.thread_count / _FEW_THREADS)
         with self._lock:
@@ -406,7 +430,7 @@ class Engine:
             self._turn += 1
             turn = self._turn
             self._since_oldest += 1
-            oldest = self._since_oldest >= _OLDEST_EVERY
+            oldest = self._since_oldest >= _OLDEST_EVERY and not known
             if oldest and len(paces) == len(
                 self._paces
             ):  # else what has waited longest may not be among what fits
@@ -414,7 +438,11 @@ class Engine:
             self._busy += 1
         job = None
         try:
-            if shop is None:
+            if known:
+                if shop is not None:
+                    most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
+                    job = self._take_known(lit, shop, most, turn, helpers)
+            elif shop is None:
                 job = self._take_build(lit, now_s)
             else:
                 most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
@@ -444,8 +472,7 @@ class Engine:
         helpers: Helpers | None,
     ) -> Job | None:
         """Return work on particles: a kind at a time over all desks, the first of them in turn; or what has waited longest of all."""
-        first = turn % len(self._desks)
-        desks = [*self._desks[first:], *self._desks[:first]]
+        desks = self._desks_from(turn)
         threads = max(1, self.thread_count)
         offers = [(desk, kind) for kind in Kind if kind in most for desk in desks]
         if oldest:
@@ -457,9 +484,29 @@ class Engine:
                 continue
             piece = desk.take(lit.light, kind, most[kind], now_s, threads, oldest=oldest)
             if piece is not None:
-                work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
-                return functools.partial(work, desk, shop, piece, helpers)
+                return self._work_on(desk, shop, piece, helpers)
         return None
+
+    def _take_known(
+        self, lit: _Lit, shop: Workshop, most: Mapping[Kind, int], turn: int, helpers: Helpers | None
+    ) -> Job | None:
+        """Return work on particles that desks know of, a kind at a time over all desks that no other thread is at."""
+        threads = max(1, self.thread_count)
+        for kind in most:
+            for desk in self._desks_from(turn):
+                piece = desk.take_known(lit.light, kind, most[kind], threads)
+                if piece is not None:
+                    return self._work_on(desk, shop, piece, helpers)
+        return None
+
+    def _desks_from(self, turn: int) -> tuple[Desk, ...]:
+        """Return all desks, each of them first in its turn."""
+        first = turn % len(self._desks)
+        return (*self._desks[first:], *self._desks[:first])
+
+    def _work_on(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> Job:
+        work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
+        return functools.partial(work, desk, shop, piece, helpers)
 
     def _is_overdue(self, shop: Workshop, now_s: float) -> bool:
         """Whether some request has waited long for preparation, since ever new particles want first light."""
@@ -534,9 +581,7 @@ class Engine:
                 shop.prepared(kind)
                 shop.preparing = False
 
-    def _first_light(
-        self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None
-    ) -> float | None:
+    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
         light, ids = piece.light, piece.ids
         start_s = self._clock()
         try:

@@ -58,7 +58,9 @@ def carry_over(old_ids, old_since, ids, since, gone):
 
 
 @kernel
-def pick(chosen, ids, seen, since, distance, pixels, some_ids, some_seen, some_since, some_distance, some_pixels):
+def pick(
+    chosen, ids, seen, since, distance, pixels, some_ids, some_seen, some_since, some_distance, some_pixels
+):
     """Copy the `chosen`, (K,) bool, of five columns (K,) of requests to columns that are as long as there are."""
     count = 0
     for k in range(chosen.shape[0]):
