@@ -314,8 +314,8 @@ class Desk:
         ids, state = np.empty(len(visible), np.int32), np.empty(len(visible), np.uint8)
         count = list_lacking(visible, light.state, WANTING, ids, state)
         ids, state = ids[:count], state[:count]
-        distance, pixels = sighting.measure(ids)
-        distance = np.asarray(distance, np.float64)
+        found, pixels = sighting.measure(ids)
+        distance = np.asarray(found, np.float64)
         width = np.zeros(len(ids)) if pixels is None else np.asarray(pixels, np.float64)
         bare = grade_of(state) == NONE
         asked = {
@@ -332,7 +332,11 @@ class Desk:
             elif kind is not Kind.FIRST_LIGHT and (fresh := chosen & ~queued).any():
                 idle = np.flatnonzero(fresh)  # some may be more than that by now
                 chosen[idle] = self._cache.mark_queued(light, ids[idle])
-            few = (
-                [ids, distance, width] if chosen.all() else [each[chosen] for each in (ids, distance, width)]
+            whole = chosen.all()
+            self._queues[kind].push(
+                ids if whole else ids[chosen],
+                distance if whole else distance[chosen],
+                width if whole else width[chosen],
+                sighting.seen_s,
+                sighting.client,
             )
-            self._queues[kind].push(*few, sighting.seen_s, sighting.client)

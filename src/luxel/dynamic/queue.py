@@ -74,7 +74,8 @@ class Requests:
 
     def at(self, places: NDArray[np.intp]) -> Requests:
         """Return those at some places."""
-        return Requests(*(column[places] for column in self._columns))
+        ids, *rest = self._columns
+        return Requests(ids[places], *(column[places] for column in rest))
 
     @property
     def _columns(self) -> tuple[Ids, Floats, Floats, Floats, Floats]:
