@@ -586,3 +586,73 @@ def test_a_small_cache_under_many_workers_never_shows_a_wrong_tile():
         assert stage.ready("day") >= set(visible.tolist())
     assert stage.cache.stats().evicted > 0
     stage.engine.close()
+
+
+def test_while_one_thread_takes_sightings_in_another_bakes_what_was_known():
+    """Its first piece needs no look at the new sighting, which another thread is at, and comes while that one is not done."""
+    stage = Stage(shards=4, count=1000)
+    stage.select("day")
+    stage.request("day", range(500))
+    while len(stage.ready("day")) < 100:
+        stage.engine.run_once(0.001)
+    for light_up in (False, True):  # both have their first light from now on
+        stage.request("day", range(500), client=str(light_up))
+    stage.engine.settle()
+    known = set(range(500)) - stage.ready("day")
+    measuring, go_on = threading.Event(), threading.Event()
+
+    def measure(some):
+        measuring.set()
+        assert go_on.wait(GUARD_S)
+        return np.zeros(len(some)), None
+
+    stage.engine.request("day", np.arange(500, 1000, dtype=np.int32), measure, "new")
+    before = len(stage.bakers["day"].batches)
+    with ThreadPoolExecutor(2) as pool:
+        looking = pool.submit(stage.engine.run_for, 1e9)
+        assert measuring.wait(GUARD_S)
+        stage.engine.subscribe(lambda batch: go_on.set())
+        baking = pool.submit(stage.engine.run_for, 1e9)
+        assert go_on.wait(GUARD_S)
+        assert set(stage.bakers["day"].batches[before]) <= known
+        looking.result(GUARD_S)
+        baking.result(GUARD_S)
+    assert stage.ready("day") == set(range(1000))
+    assert len(stage.heard) == len(set(stage.heard))
+
+
+def test_a_budget_holds_what_pieces_cost_besides_their_work():
+    stage = slow_stage(3e-4)
+
+    def hand_in(batch):
+        stage.clock.now_s += 2e-3
+
+    stage.engine.subscribe(hand_in)
+    stage.request("day", range(20_000))
+    stage.engine.run_for(0.01)
+    for frame in range(60):
+        start_s = stage.clock.now_s
+        before = len(stage.bakers["day"].batches)
+        stage.engine.run_for(0.01)
+        if frame > 20:  # the cost is known
+            assert 0.007 < stage.clock.now_s - start_s < 0.01 + 3e-4
+            assert len(stage.bakers["day"].batches) == before + 1  # the rest is not worth another one
+
+
+def test_the_rest_of_a_budget_makes_one_longer_piece():
+    stage = slow_stage(1e-4)
+    stage.request("day", range(20_000))
+    stage.engine.run_for(1.0)
+    before = len(stage.bakers["day"].batches)
+    stage.engine.run_for(0.04)
+    sizes = [len(batch) for batch in stage.bakers["day"].batches[before:]]
+    assert max(sizes) == pytest.approx(400, abs=2)
+    assert sum(sizes) == pytest.approx(400, abs=2)
+
+
+def test_a_budget_of_nothing_does_nothing():
+    stage = slow_stage(1e-4)
+    stage.request("day", range(10))
+    assert stage.engine.run_for(0.0) == 0
+    assert stage.engine.run_for(-1.0) == 0
+    assert stage.engine.run_for(1e-12) >= 1  # the first piece is done whatever is left

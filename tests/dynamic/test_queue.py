@@ -261,6 +261,16 @@ def test_popping_many_of_very_many_keeps_the_order():
     assert np.array_equal(np.concatenate(taken), np.argsort(distance, kind="stable"))
 
 
+@pytest.mark.parametrize("method", ["pop", "pop_oldest"])
+def test_of_equal_requests_the_first_comes_first_however_many_there_are(method):
+    distance = np.random.default_rng(5).integers(0, 4, 5000).astype(float)
+    queue = RequestQueue()
+    queue.push(np.arange(5000, dtype=np.int32), distance, None, 0.0)
+    queue.refresh(0.0)
+    taken = [getattr(queue, method)(70) for _ in range(72)]
+    assert np.array_equal(np.concatenate(taken), np.argsort(distance, kind="stable"))
+
+
 def test_the_bound_on_requests_holds_for_all_clients_together():
     queue = RequestQueue(max_count=10)
     for client in range(5):

@@ -33,6 +33,7 @@ from luxel.errors import InputError
 from luxel.kernels.seen import note_sighting
 from luxel.light.mapping import Mapping
 from luxel.textures.textures import FIRST_LIGHT, NO_COARSE, Encoding, TextureTable, decoding_table
+from luxel.trace.tree import thread_count
 
 __all__ = ["CacheStats", "TextureCache", "bytes_for"]
 
@@ -46,7 +47,7 @@ _OTHER_BYTES = ENTRY_BYTES + _COPY_BYTES
 _ALL_BYTES = _LIGHT_BYTES + _COPY_BYTES + _COARSE_BYTES + (_MAX_LIGHTS - 1) * _OTHER_BYTES
 # Fewer particles, or room for fewer textures, are not worth several locks.
 _SHARDED_COUNT = 16_384
-_SHARDS = 8
+_MOST_SHARDS = 8
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class TextureCache:
     mapping
         From texels to directions, for renderers.
     shards
-        A power of two up to 256; None means 1 for few particles or little room, else 8.
+        A power of two up to 256; None means 1 for few particles or little room, else as many as the process may use threads, up to 8.
     components
         Keep textures as so many principal components, a byte each, see :class:`luxel.dynamic.compressor.Compressor`; 0 keeps them as they are.
     """
@@ -417,7 +418,7 @@ class TextureCache:
             slots = _slot_count(self.max_bytes - fixed, self._texture_bytes, count)
             if slots > 0:
                 self._set_aside = _set_aside(self.max_bytes - fixed, count)
-                shards = self._shard_count or (_SHARDS if min(slots, count) >= _SHARDED_COUNT else 1)
+                shards = self._shard_count or (_usual_shards() if min(slots, count) >= _SHARDED_COUNT else 1)
                 slots = max(slots, shards)
                 self._arena = arena = Arena(slots, self._shape)
                 ends = [k * slots // shards for k in range(shards + 1)]
@@ -527,6 +528,12 @@ def bytes_for(textures: int, texels: int, particles: int, components: int = 0) -
         else:
             high = middle
     return fixed + high
+
+
+def _usual_shards() -> int:
+    """Enough that threads seldom wait for each other; every one costs something at every sighting, however little there is to do."""
+    threads = min(thread_count(None), _MOST_SHARDS)
+    return 1 << (threads - 1).bit_length()
 
 
 def _set_aside(max_bytes: int, particles: int) -> int:

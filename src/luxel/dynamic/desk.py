@@ -25,6 +25,7 @@ from luxel.dynamic.entries import (
 )
 from luxel.dynamic.queue import RequestQueue
 from luxel.dynamic.sightings import Ids, Sighting
+from luxel.kernels.requests import list_lacking
 
 __all__ = ["Desk", "Kind", "Piece"]
 
@@ -61,8 +62,6 @@ class Piece:
 
 # Fewer are not worth a piece of work of their own: every fourth goes to those who have waited longest, and new ones would wait for many.
 _LEAST = {Kind.FIRST_LIGHT: 32}
-# While there is something to do, newer sightings wait so long: many workers would spend more on what each frame has seen than on light.
-_SEE_EVERY_S = 0.02
 
 
 class Desk:
@@ -96,7 +95,6 @@ class Desk:
         self._again: deque[tuple[Kind, int]] = deque()
         self._light: Entries | None = None
         self._version = -1
-        self._looked_s = -math.inf  # when sightings were taken in
         self._taken_in: dict[str, int] = {}
         self._over_budget = 0
         self._look_again = False  # once nothing waits any more
@@ -112,6 +110,12 @@ class Desk:
             self._taken_in = {}
             self._hopeless = set()
             self._over_budget = 0
+
+    def look(self, now_s: float) -> None:
+        """Take in what frames have sighted."""
+        if self._version != self._cache.version:
+            with self._lock:
+                self._refresh(now_s)
 
     def waiting(self, now_s: float) -> dict[Kind, int]:
         """How many particles wait for each kind of work that can be done, second attempts included."""
@@ -130,7 +134,7 @@ class Desk:
         Second attempts have waited longest of all.
         """
         with self._lock:
-            self._refresh(now_s, patient=True)
+            self._refresh(now_s)
             found = {kind: self._queues[kind].oldest_s for kind in kinds if len(self._queues[kind])}
             return found | {kind: -math.inf for kind, _ in self._again if kind in kinds}
 
@@ -143,6 +147,15 @@ class Desk:
     def over_budget(self) -> int:
         """Visible particles that the cache has no room for, as of the last look."""
         return self._over_budget
+
+    def take_known(self, light: Entries, kind: Kind, most: int, threads: int) -> Piece | None:
+        """As :meth:`take`, of what has been taken in before; None if another thread is at this desk."""
+        if not len(self._queues[kind]) or not self._lock.acquire(blocking=False):
+            return None
+        try:
+            return self._pop(light, kind, most, threads, oldest=False) if light is self._light else None
+        finally:
+            self._lock.release()
 
     def take(
         self, light: Entries, kind: Kind, most: int, now_s: float, threads: int, *, oldest: bool = False
@@ -167,24 +180,13 @@ class Desk:
         with self._lock:
             if light is not self._light:
                 return None
-            self._refresh(now_s, patient=True)
+            self._refresh(now_s)
             for _ in range(len(self._again)):
                 tried, particle = self._again.popleft()
                 if tried is kind:
                     return Piece(kind, light, np.array([particle], np.int32), alone=True)
                 self._again.append((tried, particle))
-            queue = self._queues[kind]
-            count = min(most, max(_LEAST.get(kind, 1), -(-len(queue) // threads)))
-            if kind is Kind.REFINEMENT:
-                count = min(count, self._spare())
-            # What another client or a frame has overtaken is not in the queued state any more.
-            while count > 0 and len(queue):
-                ids = queue.pop_oldest(count) if oldest else queue.pop(count)
-                mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
-                ids = ids[mark(light, ids)]
-                if len(ids):
-                    return Piece(kind, light, ids)
-            return None
+            return self._pop(light, kind, most, threads, oldest=oldest)
 
     def done(self, piece: Piece, grade: int) -> None:
         """Note that textures of a piece are there, or given up (`NONE`).
@@ -215,6 +217,20 @@ class Desk:
         """Refined textures that could be stored now, while frames hold those that they replace."""
         return self._cache.shards[self.number].spare()
 
+    def _pop(self, light: Entries, kind: Kind, most: int, threads: int, *, oldest: bool) -> Piece | None:
+        queue = self._queues[kind]
+        count = min(most, max(_LEAST.get(kind, 1), -(-len(queue) // threads)))
+        if kind is Kind.REFINEMENT:
+            count = min(count, self._spare())
+        # What another client or a frame has overtaken is not in the queued state any more.
+        while count > 0 and len(queue):
+            ids = queue.pop_oldest(count) if oldest else queue.pop(count)
+            mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
+            ids = ids[mark(light, ids)]
+            if len(ids):
+                return Piece(kind, light, ids)
+        return None
+
     def _clear(self, kinds: Collection[Kind] = tuple(Kind)) -> None:
         for kind in kinds:
             self._release(kind, self._queues[kind].clear())
@@ -239,11 +255,8 @@ class Desk:
             other = Kind.REFINEMENT if kind is Kind.FIRST_TEXTURE else Kind.FIRST_TEXTURE
             self._release(kind, np.setdiff1d(ids, self._queues[other].ids, assume_unique=True))
 
-    def _refresh(self, now_s: float, *, patient: bool = False) -> None:
-        """Take in what frames have sighted, drop what lapsed, and give up what there is no room for.
-
-        If `patient`, and there is something to do, what was sighted just after the last time may wait.
-        """
+    def _refresh(self, now_s: float) -> None:
+        """Take in what frames have sighted, drop what lapsed, and give up what there is no room for."""
         light = self._light
         if light is None:
             return
@@ -297,29 +310,33 @@ class Desk:
                 self._ask(light, sighting)
 
     def _ask(self, light: Entries, sighting: Sighting) -> None:
-        ids = sighting.part(self.number, len(self._cache.shards))
-        state = light.state.take(ids)
-        wanting = WANTING.take(state)
-        ids, state = ids[wanting], state[wanting]
-        distance, pixels = sighting.measure(ids)
-        distance = np.asarray(distance, np.float64)
+        visible = sighting.part(self.number, len(self._cache.shards))
+        ids, state = np.empty(len(visible), np.int32), np.empty(len(visible), np.uint8)
+        count = list_lacking(visible, light.state, WANTING, ids, state)
+        ids, state = ids[:count], state[:count]
+        found, pixels = sighting.measure(ids)
+        distance = np.asarray(found, np.float64)
         width = np.zeros(len(ids)) if pixels is None else np.asarray(pixels, np.float64)
         bare = grade_of(state) == NONE
-        content = ~bare & (width < self.small_pixels) if pixels is not None else np.zeros(len(ids), np.bool_)
         asked = {
             Kind.FIRST_LIGHT: bare & ((state & np.uint8(LIT | DAWNING)) == 0),
             Kind.FIRST_TEXTURE: bare,
-            Kind.REFINEMENT: ~(bare | content),
+            Kind.REFINEMENT: ~bare if pixels is None else ~(bare | (width < self.small_pixels)),
         }
         if not len(light.coarse):
             asked[Kind.FIRST_LIGHT][:] = False
-        work = work_of(state)
+        queued = work_of(state) == QUEUED
         for kind, chosen in asked.items():
             if kind in self._hopeless:
-                chosen[:] = False
-            elif kind is not Kind.FIRST_LIGHT:
-                idle = np.flatnonzero(chosen & (work != QUEUED))
+                chosen = np.zeros(len(ids), np.bool_)
+            elif kind is not Kind.FIRST_LIGHT and (fresh := chosen & ~queued).any():
+                idle = np.flatnonzero(fresh)  # some may be more than that by now
                 chosen[idle] = self._cache.mark_queued(light, ids[idle])
+            whole = chosen.all()
             self._queues[kind].push(
-                ids[chosen], distance[chosen], width[chosen], sighting.seen_s, sighting.client
+                ids if whole else ids[chosen],
+                distance if whole else distance[chosen],
+                width if whole else width[chosen],
+                sighting.seen_s,
+                sighting.client,
             )

@@ -20,7 +20,7 @@ import numpy as np
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.desk import Desk, Kind, Piece
 from luxel.dynamic.entries import ESTIMATE, NONE, Entries
-from luxel.dynamic.pace import Pace, Rate
+from luxel.dynamic.pace import Cost, Pace, Rate
 from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
 from luxel.dynamic.shares import Helpers, in_shares
 from luxel.dynamic.sightings import Ids, Measure, Sighting
@@ -41,11 +41,14 @@ __all__ = ["Engine"]
 
 log = logging.getLogger(__name__)
 
-Job = Callable[[], None]
+#: Does a piece of work and returns the seconds that particles took; None for what is no work on particles.
+Job = Callable[[], float | None]
 
 # Pieces are short enough to notice a new priority soon, long enough to hide what each costs besides. That is Python, which one thread
 # at a time can run: of more threads than a few, each takes longer pieces, and some thread still asks for a new one as often.
 _PIECE_S, _FEW_THREADS = 0.03, 4
+# The last piece of a budget may be so many times longer, rather than be followed by one that is hardly worth taking.
+_LAST_PIECE = 1.5
 _PATIENCE_S = 2.0
 _OLDEST_EVERY = 4  # of so many pieces of work, one goes to the requests that have waited longest
 _MAX_ATTEMPTS = 2  # to make or to prepare a baker
@@ -133,6 +136,8 @@ class Engine:
         self._since_oldest = 0  # pieces since one went to those that have waited longest
         self._events = 0  # counts what may give a sleeping worker something to do, besides sightings
         self._paces = {kind: Pace() for kind in Kind}
+        self._looking = threading.Lock()  # who takes sightings in at the start of a budget
+        self._handling = Cost()  # of pieces that are done within a budget
         self._rate = Rate()
         self._error: str | None = None
         self._clipped_count = 0
@@ -244,21 +249,45 @@ class Engine:
     def run_for(self, budget_s: float, helpers: Helpers | None = None) -> int:
         """Work on the caller's thread, and with its `helpers`, until `budget_s` seconds have passed or nothing is left; return pieces done.
 
-        Pieces are made to fit into what is left of the budget, as far as their pace is known, and none is begun that is known not to
-        fit, but for the first. So the budget is overrun by what the last piece takes longer than such pieces did before, or by the one piece that is done.
+        Sightings are taken in first. Pieces are made to fit into what is left of the budget then, as far as their pace is known and what handling them costs, and
+        none is begun that is known not to fit, or to be more handling than work, but for the first. So the budget is overrun by what the last piece takes longer than such
+        pieces did before, or by the one piece that is done.
         """
         self._check_open()
-        end_s = self._clock() + budget_s
+        if budget_s <= 0:
+            return 0
+        begun_s = self._clock()
+        end_s = begun_s + budget_s
+        known = not self._look(begun_s)
         count = 0
-        while (left_s := end_s - self._clock()) > 0:
-            job = self._take(left_s, must_fit=count > 0, helpers=helpers)
+        while (left_s := end_s - (begun_s := self._clock())) > 0 or not count:
+            job = None
+            if known:  # another thread has not come to the end of what is new: meanwhile, what waits since earlier frames
+                known = False
+                job = self._take(max(0.0, left_s), known=True, helpers=helpers)
+            if job is None:
+                job = self._take(max(0.0, left_s), must_fit=count > 0, helpers=helpers)
             if job is None:
                 break
-            self._do(job)
+            work_s = self._do(job)
+            if work_s is not None:
+                with self._lock:
+                    self._handling.record(self._clock() - begun_s - work_s)
             count += 1
             if self._closed:
                 break
         return count
+
+    def _look(self, now_s: float) -> bool:
+        """Take in what frames have sighted; False if another thread is doing so: two would only wait for each other's Python."""
+        if not self._looking.acquire(blocking=False):
+            return False
+        try:
+            for desk in self._desks:
+                desk.look(now_s)
+        finally:
+            self._looking.release()
+        return True
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Block until every request is satisfied and every listener has been told; False after `timeout_s`.
@@ -358,9 +387,9 @@ class Engine:
         with self._lock:
             self._sleepers -= 1
 
-    def _do(self, job: Job) -> None:
+    def _do(self, job: Job) -> float | None:
         try:
-            job()
+            return job()
         finally:
             with self._lock:
                 self._busy -= 1
@@ -369,26 +398,39 @@ class Engine:
             self._ring()
 
     def _take(
-        self, limit_s: float = math.inf, *, must_fit: bool = False, helpers: Helpers | None = None
+        self,
+        limit_s: float = math.inf,
+        *,
+        must_fit: bool = False,
+        known: bool = False,
+        helpers: Helpers | None = None,
     ) -> Job | None:
-        """Return the next piece of work: a baker, else work on particles, else what must be prepared for that."""
+        """Return the next piece of work: a baker, else work on particles, else what must be prepared for that.
+
+        If `known`, work on particles that needs no look at what frames have sighted, and no waiting for threads that take some.
+        """
         now_s = self._clock()
-        left_s, limit_s = limit_s, min(limit_s, _PIECE_S * max(1.0, self.thread_count / _FEW_THREADS))
+        left_s, piece_s = limit_s, _PIECE_S * max(1.0, self.thread_count / _FEW_THREADS)
         with self._lock:
             lit = self._lit
             if lit is None:
                 return None
             key = lit.light.key
             shop = self._workshops.get(key)
-            paces = {
-                kind: pace for kind, pace in self._paces.items() if not must_fit or pace.each_s <= left_s
-            }
             careful = not math.isinf(left_s)
+            handling_s = self._handling.each_s if careful else 0.0
+            left_s -= handling_s
+            limit_s = left_s if left_s <= _LAST_PIECE * piece_s else piece_s
+            paces = {
+                kind: pace
+                for kind, pace in self._paces.items()
+                if not must_fit or max(handling_s, pace.each_s) <= left_s
+            }
             most = {kind: pace.count(limit_s, careful=careful) for kind, pace in paces.items()}
             self._turn += 1
             turn = self._turn
             self._since_oldest += 1
-            oldest = self._since_oldest >= _OLDEST_EVERY
+            oldest = self._since_oldest >= _OLDEST_EVERY and not known
             if oldest and len(paces) == len(
                 self._paces
             ):  # else what has waited longest may not be among what fits
@@ -396,7 +438,11 @@ class Engine:
             self._busy += 1
         job = None
         try:
-            if shop is None:
+            if known:
+                if shop is not None:
+                    most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
+                    job = self._take_known(lit, shop, most, turn, helpers)
+            elif shop is None:
                 job = self._take_build(lit, now_s)
             else:
                 most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
@@ -426,8 +472,7 @@ class Engine:
         helpers: Helpers | None,
     ) -> Job | None:
         """Return work on particles: a kind at a time over all desks, the first of them in turn; or what has waited longest of all."""
-        first = turn % len(self._desks)
-        desks = [*self._desks[first:], *self._desks[:first]]
+        desks = self._desks_from(turn)
         threads = max(1, self.thread_count)
         offers = [(desk, kind) for kind in Kind if kind in most for desk in desks]
         if oldest:
@@ -439,9 +484,29 @@ class Engine:
                 continue
             piece = desk.take(lit.light, kind, most[kind], now_s, threads, oldest=oldest)
             if piece is not None:
-                work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
-                return functools.partial(work, desk, shop, piece, helpers)
+                return self._work_on(desk, shop, piece, helpers)
         return None
+
+    def _take_known(
+        self, lit: _Lit, shop: Workshop, most: Mapping[Kind, int], turn: int, helpers: Helpers | None
+    ) -> Job | None:
+        """Return work on particles that desks know of, a kind at a time over all desks that no other thread is at."""
+        threads = max(1, self.thread_count)
+        for kind in most:
+            for desk in self._desks_from(turn):
+                piece = desk.take_known(lit.light, kind, most[kind], threads)
+                if piece is not None:
+                    return self._work_on(desk, shop, piece, helpers)
+        return None
+
+    def _desks_from(self, turn: int) -> tuple[Desk, ...]:
+        """Return all desks, each of them first in its turn."""
+        first = turn % len(self._desks)
+        return (*self._desks[first:], *self._desks[:first])
+
+    def _work_on(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> Job:
+        work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
+        return functools.partial(work, desk, shop, piece, helpers)
 
     def _is_overdue(self, shop: Workshop, now_s: float) -> bool:
         """Whether some request has waited long for preparation, since ever new particles want first light."""
@@ -516,7 +581,7 @@ class Engine:
                 shop.prepared(kind)
                 shop.preparing = False
 
-    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> None:
+    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
         light, ids = piece.light, piece.ids
         start_s = self._clock()
         try:
@@ -529,14 +594,15 @@ class Engine:
             self._failed(desk, piece, error)
             if not isinstance(error, Exception):
                 raise
-            return
+            return None
         with self._lock:
             self._failures[piece.kind] = 0
             self._paces[piece.kind].record(end_s - start_s, len(ids))
         if kept:
             self._coarse_heard.tell(CoarseBatch(light.key, ids, records))
+        return end_s - start_s
 
-    def _bake(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> None:
+    def _bake(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
         light, ids = piece.light, piece.ids
         grade = shop.grade(piece.kind)
         start_s = self._clock()
@@ -553,7 +619,7 @@ class Engine:
             self._failed(desk, piece, error)
             if not isinstance(error, Exception):
                 raise
-            return
+            return None
         with self._lock:
             self._failures[piece.kind] = 0
             self._clipped_count += clipped
@@ -562,6 +628,7 @@ class Engine:
             lit = self._lit
         stale = lit is None or light.key != lit.light.key
         self._tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(len(ids), grade == ESTIMATE), stale))
+        return end_s - start_s
 
     def _failed(self, desk: Desk, piece: Piece, error: BaseException) -> None:
         """Report a failure, and do the piece once more, or give it up."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.dynamic.sightings import Ids
+from luxel.kernels.requests import carry_over, mark_common, pick
 
 __all__ = [
     "DISTANCE_S",
@@ -26,8 +27,10 @@ __all__ = [
 DISTANCE_S = 2.0
 # Of a particle as wide as this many pixels, one of twice the width counts as if it had been seen a second later.
 _PIXELS = 8.0
-# Requests that are put in order at a time.
-_RUN_COUNT = 2048
+# Requests that are put in order at a time: few, since after the next sighting it is another order; then more and more.
+_RUN_COUNT, _LONGEST_RUN = 256, 4096
+# A list so many times longer than another is looked up in it by halves.
+_MUCH_LONGER = 16
 
 _NO_IDS: Ids = np.empty(0, dtype=np.int32)
 
@@ -62,15 +65,21 @@ class Requests:
     def __len__(self) -> int:
         return len(self.ids)
 
-    def part(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Requests:
+    def part(self, chosen: NDArray[np.bool_]) -> Requests:
         """Return some of them."""
-        return Requests(
-            self.ids[chosen],
-            self.seen_s[chosen],
-            self.since_s[chosen],
-            self.distance[chosen],
-            self.pixels[chosen],
-        )
+        count = np.count_nonzero(chosen)
+        some = Requests(np.empty(count, np.int32), *(np.empty(count) for _ in range(4)))
+        pick(chosen, *self._columns, *some._columns)
+        return some
+
+    def at(self, places: NDArray[np.intp]) -> Requests:
+        """Return those at some places."""
+        ids, *rest = self._columns
+        return Requests(ids[places], *(column[places] for column in rest))
+
+    @property
+    def _columns(self) -> tuple[Ids, Floats, Floats, Floats, Floats]:
+        return self.ids, self.seen_s, self.since_s, self.distance, self.pixels
 
 
 _NOTHING = Requests(_NO_IDS, *(np.empty(0) for _ in range(4)))
@@ -105,15 +114,21 @@ class _Client:
 
     latest: Requests = _NOTHING
     earlier: Requests = _NOTHING
+    oldest_s: float = math.inf  # no earlier request was seen before
 
     def remove(self, ids: Ids) -> None:
         """Take out some requests, ascending ids."""
-        self.latest = self.latest.part(~_is_in(self.latest.ids, ids))
-        self.earlier = self.earlier.part(~_is_in(self.earlier.ids, ids))
+        self.latest = _without(self.latest, ids)
+        self.earlier = _without(self.earlier, ids)
+
+    def keep_earlier(self, requests: Requests) -> None:
+        """Replace the earlier requests."""
+        self.earlier = requests
+        self.oldest_s = float(requests.seen_s.min()) if len(requests) else math.inf
 
     def expire(self, before_s: float) -> None:
-        if len(self.earlier) and self.earlier.seen_s.min() <= before_s:
-            self.earlier = self.earlier.part(self.earlier.seen_s > before_s)
+        if self.oldest_s <= before_s:
+            self.keep_earlier(self.earlier.part(self.earlier.seen_s > before_s))
 
 
 class RequestQueue:
@@ -153,6 +168,7 @@ class RequestQueue:
         self._left = 0  # one number, so that whoever asks without a lock is not told nonsense
         self._run: NDArray[np.intp] = np.empty(0, np.intp)  # the best of `_all`, best first …
         self._head = 0  # … those before have been looked at
+        self._run_count = _RUN_COUNT  # how many to put in order next
         self._stale = False  # clients changed since `_all` was made
 
     def __len__(self) -> int:
@@ -210,7 +226,8 @@ class RequestQueue:
             np.asarray(distance, np.float64),
             np.zeros(len(ids)) if pixels is None else np.asarray(pixels, np.float64),
         )
-        known.earlier = _joined([earlier, rest])
+        if earlier is not known.earlier or len(rest):
+            known.keep_earlier(_joined([earlier, rest]))
 
     def forget(self, client: str) -> None:
         """Withdraw what only this client asked for; :meth:`refresh` does it."""
@@ -224,9 +241,7 @@ class RequestQueue:
         They lapsed or were withdrawn, or `max_count` had no room for them.
         """
         before_s = now_s - self.expiry_s
-        if not self._stale and not any(
-            len(each.earlier) and each.earlier.seen_s.min() <= before_s for each in self._clients.values()
-        ):
+        if not self._stale and all(each.oldest_s > before_s for each in self._clients.values()):
             return _NO_IDS
         self._settle_taken()
         for each in self._clients.values():
@@ -243,7 +258,7 @@ class RequestQueue:
         """Give up, before they lapse, requests that no client's latest sighting shows; :meth:`refresh` does it."""
         self._settle_taken()
         for each in self._clients.values():
-            each.earlier = _NOTHING
+            each.keep_earlier(_NOTHING)
         self._stale = True
 
     def limit(self, count: int) -> Ids:
@@ -275,9 +290,9 @@ class RequestQueue:
         if not len(self):
             return _NO_IDS
         place = np.flatnonzero((self._all.since_s == self.oldest_s) & ~self._taken)
-        best = np.argsort(-self._priority[place], kind="stable")[:count]
-        self._take(place[best])
-        return self._all.ids[place[best]]
+        best = place[_least(-self._priority[place], count)]
+        self._take(best)
+        return self._all.ids[best]
 
     def clear(self) -> Ids:
         """Withdraw everything and forget all clients; return the ids of what waited."""
@@ -292,7 +307,7 @@ class RequestQueue:
         self._priority = self.heuristic(requests)
         self._taken = np.zeros(len(requests), np.bool_)
         self._left = len(requests)
-        self._run, self._head = self._run[:0], 0
+        self._run, self._head, self._run_count = self._run[:0], 0, _RUN_COUNT
 
     def _take(self, place: NDArray[np.intp]) -> None:
         self._taken[place] = True
@@ -301,11 +316,8 @@ class RequestQueue:
     def _sort_run(self) -> None:
         """Put the best of what waits in order; the whole would cost more than most of it is worth before it changes."""
         waiting = np.flatnonzero(~self._taken)
-        priority = -self._priority[waiting]
-        if len(waiting) > 2 * _RUN_COUNT:
-            best = np.argpartition(priority, _RUN_COUNT)[:_RUN_COUNT]
-            waiting, priority = waiting[best], priority[best]
-        self._run = waiting[np.argsort(priority, kind="stable")]
+        self._run = waiting[_least(-self._priority[waiting], self._run_count)]
+        self._run_count = min(2 * self._run_count, _LONGEST_RUN)
         self._head = 0
 
     def _settle_taken(self) -> None:
@@ -314,21 +326,36 @@ class RequestQueue:
             self._remove(self._all.ids[self._taken])
 
     def _remove(self, ids: Ids) -> None:
+        before, left = self._all, _without(self._all, ids)
         for each in self._clients.values():
-            each.remove(ids)
-        left = self._all.part(~_is_in(self._all.ids, ids))
+            if each.latest is before:  # it alone asks for anything
+                each.latest = left
+            else:
+                each.remove(ids)
         self._set(left)
+
+
+def _least(values: Floats, count: int) -> NDArray[np.intp]:
+    """Where the least `count` of some values are, the least first; of equal ones the first."""
+    if len(values) <= 2 * count:
+        return np.argsort(values, kind="stable")[:count]
+    places = np.flatnonzero(~(values > np.partition(values, count - 1)[count - 1]))
+    return places[np.argsort(values[places], kind="stable")[:count]]
+
+
+def _without(requests: Requests, ids: Ids) -> Requests:
+    """Return requests but those for some particles, ascending ids."""
+    gone = _is_in(requests.ids, ids)
+    return requests.part(~gone) if gone.any() else requests
 
 
 def _carry_over(old: Requests, ids: Ids, since: Floats) -> Requests:
     """Keep since when particles have been asked for that are sighted again; return the requests for others."""
     if not len(old):
-        return _NOTHING
-    place = np.searchsorted(ids, old.ids)
-    place[place == len(ids)] = 0
-    again = ids[place] == old.ids if len(ids) else np.zeros(len(old), np.bool_)
-    since[place[again]] = old.since_s[again]
-    return old.part(~again)
+        return old
+    gone = np.empty(len(old), np.bool_)
+    count = carry_over(old.ids, old.since_s, ids, since, gone)
+    return old if count == len(old) else old.part(gone) if count else _NOTHING
 
 
 def _joined(parts: Iterable[Requests]) -> Requests:
@@ -342,7 +369,7 @@ def _joined(parts: Iterable[Requests]) -> Requests:
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("ids", "seen_s", "since_s", "distance", "pixels")
     ]
-    return Requests(*arrays).part(np.argsort(arrays[0], kind="stable"))
+    return Requests(*arrays).at(np.argsort(arrays[0], kind="stable"))
 
 
 def _merged(parts: Iterable[Requests]) -> Requests:
@@ -363,10 +390,15 @@ def _merged(parts: Iterable[Requests]) -> Requests:
 
 
 def _is_in(ids: Ids, ascending: Ids) -> NDArray[np.bool_]:
-    """(K,) bool: which of `ids` occur in `ascending`. Faster than np.isin, which sorts both."""
+    """(K,) bool: which of `ids` occur in `ascending`; both ascend."""
     if not len(ascending) or not len(ids):
         return np.zeros(len(ids), dtype=bool)
-    place = np.searchsorted(ascending, ids)
-    place[place == len(ascending)] = 0
-    found: NDArray[np.bool_] = ascending[place] == ids
+    found: NDArray[np.bool_]
+    if _MUCH_LONGER * len(ids) < len(ascending):
+        place = np.searchsorted(ascending, ids)
+        place[place == len(ascending)] = 0
+        found = ascending[place] == ids
+    else:
+        found = np.empty(len(ids), np.bool_)
+        mark_common(ids, ascending, found)
     return found

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.kernels.requests import sort_by_shard
+
 __all__ = ["Ids", "Measure", "Sighting", "by_shard", "shard_of"]
 
 Ids = NDArray[np.int32]
@@ -62,12 +64,17 @@ def shard_of(ids: Ids, shards: int) -> NDArray[np.uint8]:
     if shards == 1:
         return np.zeros(len(ids), np.uint8)
     mixed = ids.astype(np.uint32) * np.uint32(2_654_435_769)  # Knuth's multiplicative hash
-    return (mixed >> np.uint32(33 - shards.bit_length())).astype(np.uint8)
+    return (mixed >> np.uint32(_shift(shards))).astype(np.uint8)
 
 
 def by_shard(ids: Ids, shards: int) -> list[NDArray[np.intp]]:
     """Where in `ids` each shard's particles are, ascending."""
-    shard = shard_of(ids, shards)
-    order = np.argsort(shard, kind="stable")
-    ends = np.cumsum(np.bincount(shard, minlength=shards))
-    return np.split(order, ends[:-1])
+    order, ends = np.empty(len(ids), np.intp), np.empty(shards, np.intp)
+    sort_by_shard(np.ascontiguousarray(ids), _shift(shards), ends, order)
+    edges = [0, *ends.tolist()]
+    return [order[edges[k] : edges[k + 1]] for k in range(shards)]
+
+
+def _shift(shards: int) -> int:
+    """Of a hash of 32 bits, how many do not tell the shard."""
+    return 33 - shards.bit_length()

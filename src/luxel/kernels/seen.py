@@ -104,7 +104,9 @@ def note_sighting(ids, slot, state, stored, wanting, stamps, number):
 @kernel
 def distances(centers, ids, eye, scale, found):
     """Write to `found` (K,) float64 how far the centres of particles `ids` (K,) are from `eye` (3,), times `scale`; `centers` is (N, 3)."""
+    last = ids.shape[0] - 1
     for k in range(ids.shape[0]):
+        prefetch(centers, np.intp(ids[min(k + _AHEAD, last)]) * centers.strides[0])
         i = ids[k]
         x, y, z = centers[i, 0] - eye[0], centers[i, 1] - eye[1], centers[i, 2] - eye[2]
         found[k] = scale * np.sqrt(x * x + y * y + z * z)

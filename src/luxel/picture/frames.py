@@ -291,7 +291,8 @@ class Frames:
     def _bake_for_a_while(self) -> None:
         """Spend the budget. A few threads each take pieces of their own, which hides what taking costs; many would queue for it."""
         if self._crew.threads <= _FEW_THREADS:
-            self._crew.run(lambda: self.target.run_for(self.bake_budget_s))
+            end_s = self._clock() + self.bake_budget_s
+            self._crew.run(lambda: self.target.run_for(end_s - self._clock()))  # until all are to be done
         else:
             self.target.run_for(self.bake_budget_s, self._crew)
 
