@@ -13,7 +13,7 @@ from luxel.kernels.frame import add_ray, collect_hits, find_slots, light_hits
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import take
 from luxel.kernels.textured import LIGHT, T
-from luxel.kernels.tiles import RAYS, TILE, meets_leaf, place_of, trace_points
+from luxel.kernels.tiles import RAYS, TILE, block_of, meets_leaf, place_of, trace_points
 from luxel.kernels.tone import develop_block
 
 __all__ = ["draw_folded"]
@@ -142,16 +142,12 @@ def draw_folded(
     base_x = shifts_x[0] - _HALF / np.float32(fold)
     base_y = shifts_y[0] - _HALF / np.float32(fold)
     wide, high = _TWO / np.float32(width), _TWO / np.float32(height)
-    side = edge * TILE
-    across, down = (width + side - 1) // side, (height + side - 1) // side
     centre = order[order.shape[0] // 2]
     _lay_out(fold, order, bench.kept.place)
     while True:
-        block = take(counter, 1)
-        if block >= across * down:
+        x, y, right, bottom = block_of(take(counter, 1), edge, width, height)
+        if y >= height:
             break
-        x, y = block % across * side, block // across * side
-        right, bottom = min(x + side, width), min(y + side, height)
         for ty in range(y, bottom, TILE):
             for tx in range(x, right, TILE):
                 left = (np.float32(tx) + base_x) * wide - _ONE

@@ -42,7 +42,7 @@ from luxel.kernels.textured import (
     make_opened,
     open_textures,
 )
-from luxel.kernels.tiles import RAYS, TILE, Tile, make_tile, note_nearest, place_of, trace_tile
+from luxel.kernels.tiles import RAYS, TILE, Tile, block_of, make_tile, note_nearest, place_of, trace_tile
 from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
@@ -317,16 +317,12 @@ def draw_frame(
     """
     height, width = total.shape[0], total.shape[1]
     step = _TWO * spacing / np.float32(width)
-    side = edge * TILE
-    across, down = (width + side - 1) // side, (height + side - 1) // side
     traced, found, ready = bench.hits
     bench.tally[:] = 0
     while True:
-        block = take(counter, 1)
-        if block >= across * down:
+        left, top, right, bottom = block_of(take(counter, 1), edge, width, height)
+        if top >= height:
             break
-        left, top = block % across * side, block // across * side
-        right, bottom = min(left + side, width), min(top + side, height)
         columns = (right - left + TILE - 1) // TILE
         count = columns * ((bottom - top + TILE - 1) // TILE)
         # Corners of the tiles whose slots, and whose textures, are under way.

@@ -37,9 +37,7 @@ def float_lines(count):
 @kernel
 def int_lines(count):
     """Return (count,) int32 zeros that begin with a cache line."""
-    raw = np.zeros(count + _LINE // 4, np.int32)
-    begin = (-(raw.ctypes.data // 4)) % (_LINE // 4)
-    return raw[begin : begin + count]
+    return float_lines(count).view(np.int32)
 
 
 @intrinsic

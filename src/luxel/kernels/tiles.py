@@ -36,6 +36,7 @@ __all__ = [
     "TILE",
     "Eye",
     "Tile",
+    "block_of",
     "make_tile",
     "meets_leaf",
     "note_nearest",
@@ -116,6 +117,15 @@ def place_of(ray):
 def ray_at(column, row):
     """Inverse of `place_of`."""
     return (row >> 2) * 32 + (column >> 2) * 16 + (row & 3) * 4 + (column & 3)
+
+
+@kernel(inline=True)
+def block_of(number, edge, width, height):
+    """Left, top, right and bottom pixels of a block of `edge` × `edge` tiles, the last two not in it; blocks that are not there begin below the picture."""
+    side = edge * TILE
+    across = (width + side - 1) // side
+    left, top = number % across * side, number // across * side
+    return left, top, min(left + side, width), min(top + side, height)
 
 
 @kernel(inline=True)
