@@ -233,7 +233,7 @@ class DynamicMachine(RuleBasedStateMachine):
         state = self.cache.light(self.current).state
         visible = self.visible()
         queued = set(EVERY[work_of(state) == QUEUED].tolist())
-        again = {particle for desk in self.engine._desks for _, particle in desk._again}
+        again = {particle for desk in self.engine._baking.desks for _, particle in desk._again}
         failed = set(EVERY[work_of(state) == FAILED].tolist())
         lacking = {each for each in visible if grade_of(state)[each] == NONE}
         assert len(lacking - queued - again - failed - self.dropped) <= self.engine.over_budget

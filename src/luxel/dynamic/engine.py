@@ -15,24 +15,16 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
+from luxel.dynamic.baking import Baking
 from luxel.dynamic.cache import TextureCache
-from luxel.dynamic.desk import Desk, Kind, Piece
-from luxel.dynamic.entries import ESTIMATE, NONE, Entries
-from luxel.dynamic.pace import Cost, Pace, Rate
+from luxel.dynamic.desk import Desk, Kind
+from luxel.dynamic.entries import Entries
+from luxel.dynamic.pace import Cost
 from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
-from luxel.dynamic.shares import Helpers, in_shares
+from luxel.dynamic.shares import Helpers
 from luxel.dynamic.sightings import Ids, Measure, Sighting
 from luxel.dynamic.threads import end_threads, start_threads
-from luxel.dynamic.work import (
-    CoarseBatch,
-    CoarseListener,
-    Listener,
-    Listeners,
-    MakeBakers,
-    TileBatch,
-)
+from luxel.dynamic.work import CoarseListener, Listener, MakeBakers
 from luxel.dynamic.workshop import Workshop, Workshops
 from luxel.errors import SessionClosedError
 from luxel.textures.textures import Encoding
@@ -52,7 +44,6 @@ _LAST_PIECE = 1.5
 _PATIENCE_S = 2.0
 _OLDEST_EVERY = 4  # of so many pieces of work, one goes to the requests that have waited longest
 _MAX_ATTEMPTS = 2  # to make or to prepare a baker
-_MAX_FAILURES = 16  # single particles in a row; then a kind of work is given up
 _TEXTURES = (Kind.FIRST_TEXTURE, Kind.REFINEMENT)
 
 
@@ -115,32 +106,25 @@ class Engine:
         self.small_pixels = small_pixels
         self._make_queue = functools.partial(RequestQueue, heuristic, expiry_s)
         self._clock = clock
-        self._desks: tuple[Desk, ...] = ()
         self._lit: _Lit | None = None
         self._closed = False
-        self._tiles_heard: Listeners[TileBatch] = Listeners()
-        self._coarse_heard: Listeners[CoarseBatch] = Listeners()
         self._bell: queue.SimpleQueue[None] = queue.SimpleQueue()
         self._sleepers = 0
         self._lock = threading.Lock()  # what follows is for those who work
         self._idle = threading.Condition(self._lock)
+        self._baking = Baking(cache, clock, self._lock)
         self._threads: list[threading.Thread] = []
         self._workshops = Workshops()
         self._building: set[str] = set()
         self._attempts: Counter[tuple[str, int]] = (
             Counter()
         )  # at a baker under 0, at its preparation under its grade
-        self._failures: Counter[Kind] = Counter()
         self._busy = 0
         self._turn = 0
         self._since_oldest = 0  # pieces since one went to those that have waited longest
         self._events = 0  # counts what may give a sleeping worker something to do, besides sightings
-        self._paces = {kind: Pace() for kind in Kind}
         self._looking = threading.Lock()  # who takes sightings in at the start of a budget
         self._handling = Cost()  # of pieces that are done within a budget
-        self._rate = Rate()
-        self._error: str | None = None
-        self._clipped_count = 0
 
     def select(
         self,
@@ -180,18 +164,19 @@ class Engine:
             light = self.cache.begin(key, count, scale, encoding, beside=beside)
             if lit is not None and light is lit.light:
                 return
-            for desk in self._desks:
+            for desk in self._baking.desks:
                 desk.select(None)
-            if not self._desks:
-                self._desks = tuple(
+            if not self._baking.desks:
+                self._baking.desks = tuple(
                     Desk(k, self.cache, self._make_queue, self.small_pixels)
                     for k in range(len(self.cache.shards))
                 )
             self._lit = _Lit(light, make_bakers)
-            self._error = None
+            self._baking.light = light
+            self._baking.error = None
             self._attempts.clear()
-            self._failures.clear()
-            for desk in self._desks:
+            self._baking.failures.clear()
+            for desk in self._baking.desks:
                 desk.select(light)
             self._notify_if_idle()
 
@@ -230,12 +215,12 @@ class Engine:
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` with every finished batch, on the thread that baked it; return what ends that."""
         self._check_open()
-        return self._tiles_heard.add(listener)
+        return self._baking.tiles_heard.add(listener)
 
     def subscribe_coarse(self, listener: CoarseListener) -> Callable[[], None]:
         """Call `listener` with every batch of first light, on the thread that made it; return what ends that."""
         self._check_open()
-        return self._coarse_heard.add(listener)
+        return self._baking.coarse_heard.add(listener)
 
     def run_once(self, limit_s: float = math.inf) -> bool:
         """Do one piece of work on the caller's thread, such as to bake a batch, of about `limit_s` seconds. False if there is none."""
@@ -283,7 +268,7 @@ class Engine:
         if not self._looking.acquire(blocking=False):
             return False
         try:
-            for desk in self._desks:
+            for desk in self._baking.desks:
                 desk.look(now_s)
         finally:
             self._looking.release()
@@ -305,36 +290,36 @@ class Engine:
     def settle(self) -> None:
         """Take in all sightings, so that the counts of the cache are up to date."""
         now_s = self._clock()
-        for desk in self._desks:
+        for desk in self._baking.desks:
             desk.waiting(now_s)
 
     @property
     def error(self) -> str | None:
         """What went wrong last under the current light key, in words; None if nothing did."""
-        return self._error
+        return self._baking.error
 
     @property
     def clipped_count(self) -> int:
         """Texels brighter than their scale, of all textures baked so far."""
-        return self._clipped_count
+        return self._baking.clipped_count
 
     @property
     def over_budget(self) -> int:
         """Visible particles that stay without texture because the cache is full of visible ones."""
-        return sum(desk.over_budget for desk in self._desks)
+        return sum(desk.over_budget for desk in self._baking.desks)
 
     @property
     def textures_per_s(self) -> float:
         """Textures finished a second, estimates included, over the last few seconds."""
         with self._lock:
-            return self._rate.per_s(self._clock())
+            return self._baking.rate.per_s(self._clock())
 
     def close(self) -> None:
         """Stop after the pieces in progress and join the threads. Later use raises; closing twice does not."""
         with self._lock:
             self._closed = True
-            self._tiles_heard.clear()
-            self._coarse_heard.clear()
+            self._baking.tiles_heard.clear()
+            self._baking.coarse_heard.clear()
             self._idle.notify_all()
             threads, self._threads = self._threads, []
         for _ in threads:
@@ -376,7 +361,7 @@ class Engine:
                 self._do(job)
             except BaseException as error:
                 log.exception("a baking thread goes on after an error")
-                self._error = f"{type(error).__name__}: {error}"
+                self._baking.error = f"{type(error).__name__}: {error}"
 
     def _sleep(self, known: tuple[int, int]) -> None:
         with self._lock:
@@ -423,7 +408,7 @@ class Engine:
             limit_s = left_s if left_s <= _LAST_PIECE * piece_s else piece_s
             paces = {
                 kind: pace
-                for kind, pace in self._paces.items()
+                for kind, pace in self._baking.paces.items()
                 if not must_fit or max(handling_s, pace.each_s) <= left_s
             }
             most = {kind: pace.count(limit_s, careful=careful) for kind, pace in paces.items()}
@@ -432,7 +417,7 @@ class Engine:
             self._since_oldest += 1
             oldest = self._since_oldest >= _OLDEST_EVERY and not known
             if oldest and len(paces) == len(
-                self._paces
+                self._baking.paces
             ):  # else what has waited longest may not be among what fits
                 self._since_oldest = 0
             self._busy += 1
@@ -484,7 +469,7 @@ class Engine:
                 continue
             piece = desk.take(lit.light, kind, most[kind], now_s, threads, oldest=oldest)
             if piece is not None:
-                return self._work_on(desk, shop, piece, helpers)
+                return functools.partial(self._baking.do, desk, shop, piece, helpers)
         return None
 
     def _take_known(
@@ -496,24 +481,20 @@ class Engine:
             for desk in self._desks_from(turn):
                 piece = desk.take_known(lit.light, kind, most[kind], threads)
                 if piece is not None:
-                    return self._work_on(desk, shop, piece, helpers)
+                    return functools.partial(self._baking.do, desk, shop, piece, helpers)
         return None
 
     def _desks_from(self, turn: int) -> tuple[Desk, ...]:
         """Return all desks, each of them first in its turn."""
-        first = turn % len(self._desks)
-        return (*self._desks[first:], *self._desks[:first])
-
-    def _work_on(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> Job:
-        work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
-        return functools.partial(work, desk, shop, piece, helpers)
+        first = turn % len(self._baking.desks)
+        return (*self._baking.desks[first:], *self._baking.desks[:first])
 
     def _is_overdue(self, shop: Workshop, now_s: float) -> bool:
         """Whether some request has waited long for preparation, since ever new particles want first light."""
         kinds = [kind for kind in _TEXTURES if not shop.is_ready(kind)]
         return bool(kinds) and any(
             since_s < now_s - _PATIENCE_S
-            for desk in self._desks
+            for desk in self._baking.desks
             for since_s in desk.oldest_s(kinds, now_s).values()
         )
 
@@ -542,7 +523,7 @@ class Engine:
 
     def _waiting(self, now_s: float) -> Counter[Kind]:
         total: Counter[Kind] = Counter()
-        for desk in self._desks:
+        for desk in self._baking.desks:
             total.update({kind: count for kind, count in desk.waiting(now_s).items() if count})
         return total
 
@@ -581,102 +562,15 @@ class Engine:
                 shop.prepared(kind)
                 shop.preparing = False
 
-    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
-        light, ids = piece.light, piece.ids
-        start_s = self._clock()
-        try:
-            baker = shop.baker(piece.kind)
-            found = in_shares(lambda share: baker.first_light(ids[share]), len(ids), helpers)
-            records = np.concatenate(found)
-            end_s = self._clock()
-            kept = self.cache.put_coarse(light, ids, records)
-        except BaseException as error:
-            self._failed(desk, piece, error)
-            if not isinstance(error, Exception):
-                raise
-            return None
-        with self._lock:
-            self._failures[piece.kind] = 0
-            self._paces[piece.kind].record(end_s - start_s, len(ids))
-        if kept:
-            self._coarse_heard.tell(CoarseBatch(light.key, ids, records))
-        return end_s - start_s
-
-    def _bake(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
-        light, ids = piece.light, piece.ids
-        grade = shop.grade(piece.kind)
-        start_s = self._clock()
-        try:
-            codes = np.empty((len(ids), self.cache.texels, self.cache.texels), dtype=np.uint8)
-            baker = shop.baker(piece.kind)
-            clipped = sum(
-                in_shares(lambda share: baker.bake_into(ids[share], codes[share]), len(ids), helpers)
-            )
-            end_s = self._clock()
-            if self.cache.publish(light, ids, codes, grade).any():  # else they would only be asked for again
-                desk.done(piece, grade)
-        except BaseException as error:
-            self._failed(desk, piece, error)
-            if not isinstance(error, Exception):
-                raise
-            return None
-        with self._lock:
-            self._failures[piece.kind] = 0
-            self._clipped_count += clipped
-            self._paces[piece.kind].record(end_s - start_s, len(ids))
-            self._rate.record(end_s, len(ids))
-            lit = self._lit
-        stale = lit is None or light.key != lit.light.key
-        self._tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(len(ids), grade == ESTIMATE), stale))
-        return end_s - start_s
-
-    def _failed(self, desk: Desk, piece: Piece, error: BaseException) -> None:
-        """Report a failure, and do the piece once more, or give it up."""
-        light, ids, kind = piece.light, piece.ids, piece.kind
-        hopeless = False
-        with self._lock:
-            self._report(light, error)
-            if piece.alone:
-                self._failures[kind] += 1
-                hopeless = self._failures[kind] >= _MAX_FAILURES
-            first = self._failures[kind] <= 1
-        log.log(
-            logging.ERROR if first else logging.DEBUG,
-            "%s of %d particles under light key %s failed",
-            kind.value,
-            len(ids),
-            light.key,
-            exc_info=error if first else None,
-        )
-        again = not piece.alone and isinstance(error, Exception) and desk.retry(piece)
-        if not again:
-            if kind is Kind.FIRST_LIGHT:
-                self.cache.release_dawning(light, ids)
-            elif piece.alone:
-                self.cache.fail(light, ids)
-            else:
-                self.cache.release(light, ids)
-            desk.done(piece, NONE)
-        if hopeless:
-            self._give_up(light, (kind,))
-
     def _baker_failed(self, light: Entries, grade: int, kinds: tuple[Kind, ...], error: Exception) -> None:
         with self._lock:
-            self._report(light, error)
+            self._baking.report(light, error)
             self._attempts[light.key, grade] += 1
             hopeless = self._attempts[light.key, grade] >= _MAX_ATTEMPTS
         if hopeless:
-            self._give_up(light, kinds)
-
-    def _give_up(self, light: Entries, kinds: tuple[Kind, ...]) -> None:
-        for desk in self._desks:
-            desk.give_up(light, kinds)
+            self._baking.give_up(light, kinds)
 
     # What follows runs under the lock.
-
-    def _report(self, light: Entries, error: BaseException) -> None:
-        if self._lit is not None and light is self._lit.light:
-            self._error = f"{type(error).__name__}: {error}"
 
     def _at_rest(self) -> bool:
         return not self._busy and not self._waiting(self._clock())

@@ -1,0 +1,154 @@
+"""Doing pieces of work: first light and textures, how fast they come, and what becomes of those that fail."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+
+from luxel.dynamic.cache import TextureCache
+from luxel.dynamic.desk import Desk, Kind, Piece
+from luxel.dynamic.entries import ESTIMATE, NONE, Entries
+from luxel.dynamic.pace import Pace, Rate
+from luxel.dynamic.shares import Helpers, in_shares
+from luxel.dynamic.work import CoarseBatch, Listeners, TileBatch
+from luxel.dynamic.workshop import Workshop
+
+__all__ = ["Baking"]
+
+log = logging.getLogger(__name__)
+
+_MAX_FAILURES = 16  # single particles in a row; then a kind of work is given up
+
+
+class Baking:
+    """Does pieces and tells listeners. Several threads may, with pieces of their own; `lock` guards what it counts.
+
+    Parameters
+    ----------
+    cache, clock, lock
+        The engine's.
+
+    Attributes
+    ----------
+    light, desks
+        The current light, None before there is one, and who hands out work on it; set by the engine.
+    error
+        What went wrong last under the current light, in words; None if nothing did.
+    tiles_heard, coarse_heard
+        Who is told.
+    paces, rate
+        How fast each kind of work goes, and how many textures come a second.
+    failures
+        Single particles in a row that failed.
+    clipped_count
+        Texels brighter than their scale, of all textures so far.
+    """
+
+    def __init__(self, cache: TextureCache, clock: Callable[[], float], lock: threading.Lock) -> None:
+        self._cache, self._clock, self._lock = cache, clock, lock
+        self.light: Entries | None = None
+        self.desks: tuple[Desk, ...] = ()
+        self.error: str | None = None
+        self.tiles_heard: Listeners[TileBatch] = Listeners()
+        self.coarse_heard: Listeners[CoarseBatch] = Listeners()
+        self.paces = {kind: Pace() for kind in Kind}
+        self.rate = Rate()
+        self.failures: Counter[Kind] = Counter()
+        self.clipped_count = 0
+
+    def do(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
+        """Do one piece, with `helpers`; return the seconds that its particles took, None if it failed."""
+        work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
+        return work(desk, shop, piece, helpers)
+
+    def report(self, light: Entries, error: BaseException) -> None:
+        """Note what went wrong under a light; with the lock held."""
+        if light is self.light:
+            self.error = f"{type(error).__name__}: {error}"
+
+    def give_up(self, light: Entries, kinds: tuple[Kind, ...]) -> None:
+        """Do no more work of some kinds under a light."""
+        for desk in self.desks:
+            desk.give_up(light, kinds)
+
+    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
+        light, ids = piece.light, piece.ids
+        start_s = self._clock()
+        try:
+            baker = shop.baker(piece.kind)
+            found = in_shares(lambda share: baker.first_light(ids[share]), len(ids), helpers)
+            records = np.concatenate(found)
+            end_s = self._clock()
+            kept = self._cache.put_coarse(light, ids, records)
+        except BaseException as error:
+            self._failed(desk, piece, error)
+            if not isinstance(error, Exception):
+                raise
+            return None
+        with self._lock:
+            self.failures[piece.kind] = 0
+            self.paces[piece.kind].record(end_s - start_s, len(ids))
+        if kept:
+            self.coarse_heard.tell(CoarseBatch(light.key, ids, records))
+        return end_s - start_s
+
+    def _bake(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
+        light, ids = piece.light, piece.ids
+        grade = shop.grade(piece.kind)
+        start_s = self._clock()
+        try:
+            codes = np.empty((len(ids), self._cache.texels, self._cache.texels), dtype=np.uint8)
+            baker = shop.baker(piece.kind)
+            clipped = sum(
+                in_shares(lambda share: baker.bake_into(ids[share], codes[share]), len(ids), helpers)
+            )
+            end_s = self._clock()
+            if self._cache.publish(light, ids, codes, grade).any():  # else they would only be asked for again
+                desk.done(piece, grade)
+        except BaseException as error:
+            self._failed(desk, piece, error)
+            if not isinstance(error, Exception):
+                raise
+            return None
+        with self._lock:
+            self.failures[piece.kind] = 0
+            self.clipped_count += clipped
+            self.paces[piece.kind].record(end_s - start_s, len(ids))
+            self.rate.record(end_s, len(ids))
+            stale = self.light is None or light.key != self.light.key
+        self.tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(len(ids), grade == ESTIMATE), stale))
+        return end_s - start_s
+
+    def _failed(self, desk: Desk, piece: Piece, error: BaseException) -> None:
+        """Report a failure, and do the piece once more, or give it up."""
+        light, ids, kind = piece.light, piece.ids, piece.kind
+        hopeless = False
+        with self._lock:
+            self.report(light, error)
+            if piece.alone:
+                self.failures[kind] += 1
+                hopeless = self.failures[kind] >= _MAX_FAILURES
+            first = self.failures[kind] <= 1
+        log.log(
+            logging.ERROR if first else logging.DEBUG,
+            "%s of %d particles under light key %s failed",
+            kind.value,
+            len(ids),
+            light.key,
+            exc_info=error if first else None,
+        )
+        again = not piece.alone and isinstance(error, Exception) and desk.retry(piece)
+        if not again:
+            if kind is Kind.FIRST_LIGHT:
+                self._cache.release_dawning(light, ids)
+            elif piece.alone:
+                self._cache.fail(light, ids)
+            else:
+                self._cache.release(light, ids)
+            desk.done(piece, NONE)
+        if hopeless:
+            self.give_up(light, (kind,))
