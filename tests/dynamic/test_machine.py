@@ -64,6 +64,7 @@ class DynamicMachine(RuleBasedStateMachine):
             self.stage.estimators[key] = Baker(self.meanwhile, key, clock, texture_s, grade=ESTIMATE)
         self.cache, self.engine, self.clock = self.stage.cache, self.stage.engine, clock
         self.sightings: dict[str, tuple[str, set[int]]] = {}
+        self.sighted_s: dict[str, float] = {}  # client -> when
         self.asked: dict[tuple[str, int], float] = {}  # (client, particle) -> when it was sighted last
         self.frames: list[tuple[object, dict[int, int], dict[int, float]]] = []
         self.wrong: list[str] = []
@@ -101,7 +102,13 @@ class DynamicMachine(RuleBasedStateMachine):
         self.stage.select(key)
         self.lights = [each for each in self.lights if each != key and self.cache.light(each)] + [key]
         self.current = key
-        self.asked.clear()
+        # All requests are withdrawn. What was sighted under this light before is in sight again, since when it was sighted.
+        self.asked = {
+            (client, each): self.sighted_s[client]
+            for client, (under, ids) in self.sightings.items()
+            if under == key
+            for each in ids
+        }
         self.dropped.clear()
 
     @rule(wait_s=st.sampled_from([0.5, 2.5]))
@@ -262,7 +269,7 @@ class DynamicMachine(RuleBasedStateMachine):
             assert self.sightings.get(client) == known
             return
         now = self.clock.now_s
-        self.sightings[client] = (key, set(ids.tolist()))
+        self.sightings[client], self.sighted_s[client] = (key, set(ids.tolist())), now
         self.asked.update({(client, each): now for each in ids.tolist()})
         self.dropped -= set(ids.tolist())
 

@@ -437,19 +437,22 @@ class TextureCache:
     def _share_out(self, light: Entries, others: list[Entries]) -> None:
         """Fit the tables of all light keys, oldest first in `others`, into what is set aside; give the oldest up."""
         count = len(light.state)
-        left = self._set_aside - _LIGHT_BYTES * count
+        for each in (light, *others):
+            each.table.spare()
+        # Frames that go on may hold copies of older light keys, and more of this one than there were to be.
+        held = max(0, light.state.nbytes + light.table.nbytes - _LIGHT_BYTES * count)
+        left = self._set_aside - _LIGHT_BYTES * count - held
         coarse = _COARSE_BYTES * count <= left
         if coarse:
             left -= _COARSE_BYTES * count
-        while others and (
-            len(others) >= _MAX_LIGHTS or sum(_OTHER_BYTES * len(other.state) for other in others) > left
-        ):
+        needed = [max(_OTHER_BYTES * len(other.state), other.state.nbytes + other.table.nbytes) for other in others]
+        while others and (len(others) >= _MAX_LIGHTS or sum(needed) > left):
             self._drop(others.pop(0))
+            del needed[0]
         for other in others:
             self._put_out(other)
             other.table.most_copies = 1
-            other.table.spare()
-            left -= _OTHER_BYTES * len(other.state)
+        left -= sum(needed)
         light.table.most_copies = min(_MOST_COPIES, _LEAST_COPIES + left // max(1, _COPY_BYTES * count))
         if coarse and not len(light.coarse):
             light.coarse = np.empty((count, 4), np.float32)

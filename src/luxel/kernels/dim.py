@@ -45,8 +45,8 @@ def _sees_light(world, work, near, known, site, sun_table, suns, values, light, 
 def dim_levels(world, book, table, sun_table, ids, levels):
     """Mean luminance of particles whose record is black and from which no ray of the tables finds a light.
 
-    It is what the rays find in the records of the particles that they meet; `LIT` for all other particles. Makes the
-    records that are missing. Unshadowed light has no use for records: there all are `LIT`.
+    It is what the rays find in the records of the particles that they meet; `LIT` for all other particles. Makes what
+    it needs of the records that are missing. Unshadowed light has no use for records: there all are `LIT`.
     """
     work = scratch(world.tree.stack_size)
     pad = book_scratch(book)
@@ -60,8 +60,7 @@ def dim_levels(world, book, table, sun_table, ids, levels):
         levels[k] = LIT
         if world.model == LAMBERTIAN:
             continue
-        ensure_record(world, work, book, pad, i)
-        if not is_black(book.records, i):
+        if not is_black(world, work, book, pad, i):
             continue
         known, reach = neighbours(world, work, near, i)
         site = Site(i, world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i], reach)

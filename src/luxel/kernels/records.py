@@ -74,19 +74,35 @@ def _solve(m):
 
 
 @kernel(borrows=True)
-def _make_record(world, work, book, pad, particle):
-    """Fit c0 + c·n to a ray from every cell that is not buried, by damped least squares."""
-    values, m = pad.values, pad.system
+def _launch_record(world, work, book, pad, particle):
+    """Send a ray from every cell; returns (neighbours, site, paths) for `_finish_record`, which must follow."""
     known, reach = neighbours(world, work, pad.near, particle)
     x, y, z = world.centers[particle, 0], world.centers[particle, 1], world.centers[particle, 2]
     site = Site(particle, x, y, z, world.radii[particle], reach)
-    paths = launch(world, work, pad.near, known, site, book.table, values, pad.waves)
-    follow_paths(world, work, pad.near, known, site, pad.waves, paths, values)
+    paths = launch(world, work, pad.near, known, site, book.table, pad.values, pad.waves)
     for c in range(pad.sun.shape[0]):
         pad.sun[c] = pad.sun2[c] = _ZERO
         pad.sun_seen[c] = 0
     if book.suns.rays.shape[0] > 0:
         sunlight(world, work, pad.near, known, site, book.suns, pad.suns, pad.sun, pad.sun2, pad.sun_seen)
+    return known, site, paths
+
+
+@kernel(borrows=True)
+def _finds_light(book, pad):
+    """Whether rays of `_launch_record` bring light themselves: then the record will not be black."""
+    for s in range(pad.values.shape[0]):
+        cell = book.table.texel[s]
+        if cell >= 0 and pad.values[s] >= 0 and pad.values[s] + pad.sun[cell] > 0:
+            return True
+    return False
+
+
+@kernel(borrows=True)
+def _finish_record(world, work, book, pad, known, site, paths):
+    """Fit c0 + c·n to what the rays bring that are not buried, by damped least squares."""
+    values, m = pad.values, pad.system
+    follow_paths(world, work, pad.near, known, site, pad.waves, paths, values)
     for i in range(RECORD):
         for j in range(RECORD + 1):
             m[i, j] = 0.0
@@ -107,7 +123,7 @@ def _make_record(world, work, book, pad, particle):
         _solve(m)
         m[0, RECORD] = max(m[0, RECORD], 0.0)
     for i in range(RECORD):
-        book.records[particle, i] = m[i, RECORD]
+        book.records[site.sphere, i] = m[i, RECORD]
 
 
 @kernel(inline=True, borrows=True)
@@ -116,13 +132,6 @@ def _known(records, particle):
     for c in range(RECORD):
         known &= not np.isnan(records[particle, c])
     return known
-
-
-@kernel(inline=True, borrows=True)
-def is_black(records, particle):
-    """Whether a record found no light."""
-    record = records[particle]
-    return record[0] == 0 and record[1] == 0 and record[2] == 0 and record[3] == 0
 
 
 @kernel(inline=True, borrows=True)
@@ -140,7 +149,20 @@ def record_towards(world, records, particle, point):
 def ensure_record(world, work, book, pad, particle):
     """Make the record of a particle where there is none yet."""
     if not _known(book.records, particle):
-        _make_record(world, work, book, pad, particle)
+        known, site, paths = _launch_record(world, work, book, pad, particle)
+        _finish_record(world, work, book, pad, known, site, paths)
+
+
+@kernel(borrows=True)
+def is_black(world, work, book, pad, particle):
+    """Whether the record of a particle finds no light; it is made only if following its paths is what tells."""
+    if not _known(book.records, particle):
+        known, site, paths = _launch_record(world, work, book, pad, particle)
+        if _finds_light(book, pad):
+            return False
+        _finish_record(world, work, book, pad, known, site, paths)
+    record = book.records[particle]
+    return record[0] == 0 and record[1] == 0 and record[2] == 0 and record[3] == 0
 
 
 @kernel
