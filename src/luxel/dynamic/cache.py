@@ -445,7 +445,9 @@ class TextureCache:
         coarse = _COARSE_BYTES * count <= left
         if coarse:
             left -= _COARSE_BYTES * count
-        needed = [max(_OTHER_BYTES * len(other.state), other.state.nbytes + other.table.nbytes) for other in others]
+        needed = [
+            max(_OTHER_BYTES * len(other.state), other.state.nbytes + other.table.nbytes) for other in others
+        ]
         while others and (len(others) >= _MAX_LIGHTS or sum(needed) > left):
             self._drop(others.pop(0))
             del needed[0]

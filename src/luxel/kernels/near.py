@@ -286,8 +286,7 @@ def buried_starts(near, count, rays, first):
     buried = 0
     for j in range(count):
         ex, ey, ez = splat(near.x[j]) - ax, splat(near.y[j]) - ay, splat(near.z[j]) - az
-        r = splat(near.radius[j])
-        buried |= bits(vsqrt(fma(ex, ex, fma(ey, ey, ez * ez))) < r)
+        buried |= bits(fma(ex, ex, fma(ey, ey, ez * ez)) < splat(near.radius[j] * near.radius[j]))
     return buried
 
 

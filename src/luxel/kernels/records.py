@@ -79,21 +79,14 @@ def _launch_record(world, work, book, pad, particle):
     known, reach = neighbours(world, work, pad.near, particle)
     x, y, z = world.centers[particle, 0], world.centers[particle, 1], world.centers[particle, 2]
     site = Site(particle, x, y, z, world.radii[particle], reach)
-    paths = launch(world, work, pad.near, known, site, book.table, pad.values, pad.waves)
-    for c in range(pad.sun.shape[0]):
-        pad.sun[c] = pad.sun2[c] = _ZERO
-        pad.sun_seen[c] = 0
-    if book.suns.rays.shape[0] > 0:
-        sunlight(world, work, pad.near, known, site, book.suns, pad.suns, pad.sun, pad.sun2, pad.sun_seen)
-    return known, site, paths
+    return known, site, launch(world, work, pad.near, known, site, book.table, pad.values, pad.waves)
 
 
 @kernel(borrows=True)
 def _finds_light(book, pad):
     """Whether rays of `_launch_record` bring light themselves: then the record will not be black."""
-    for s in range(pad.values.shape[0]):
-        cell = book.table.texel[s]
-        if cell >= 0 and pad.values[s] >= 0 and pad.values[s] + pad.sun[cell] > 0:
+    for s in range(pad.values.shape[0]):  # noqa: SIM110 — kernels know no generators
+        if book.table.texel[s] >= 0 and pad.values[s] > 0:
             return True
     return False
 
@@ -103,6 +96,11 @@ def _finish_record(world, work, book, pad, known, site, paths):
     """Fit c0 + c·n to what the rays bring that are not buried, by damped least squares."""
     values, m = pad.values, pad.system
     follow_paths(world, work, pad.near, known, site, pad.waves, paths, values)
+    for c in range(pad.sun.shape[0]):
+        pad.sun[c] = pad.sun2[c] = _ZERO
+        pad.sun_seen[c] = 0
+    if book.suns.rays.shape[0] > 0:
+        sunlight(world, work, pad.near, known, site, book.suns, pad.suns, pad.sun, pad.sun2, pad.sun_seen)
     for i in range(RECORD):
         for j in range(RECORD + 1):
             m[i, j] = 0.0

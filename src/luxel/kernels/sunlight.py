@@ -38,9 +38,13 @@ from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE
 __all__ = ["SunScratch", "SunTable", "sun_scratch", "sunlight"]
 
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
-_MOST = 256  # spheres in a beam; where there are more, rays go through the tree one by one
+# A beam is looked through part by part, since in dense matter none of it leaves the first: up to so many radii, then three times as far.
+_FIRST_PART, _LAST_PART, _LONGER = np.float32(10), np.float32(200), np.float32(3)
+_MOST = 128  # spheres of a part that are listed; where there are more, rays that none of these blocks go through the tree one by one
 _WIDEST = np.float32(0.5)  # sine of half the angular diameter of suns that have beams
 _ALL = (1 << LANES) - 1
+_CLOSED = -1
+_SURE = np.float32(0.999)  # of a radius: what stops every ray by more than rounding
 
 
 class SunTable(NamedTuple):
@@ -76,9 +80,9 @@ def sun_scratch(table):
 
 @kernel(borrows=True)
 def _in_beam(spheres, count, patch, sx, sy, sz, slope):
-    """Choose the spheres that rays from a patch towards a disc around s might meet; returns their number."""
+    """Choose the spheres that rays from a patch towards a disc around s might meet; returns their number, -1 if one of them stops all."""
     px, py, pz, spread = splat(patch[0]), splat(patch[1]), splat(patch[2]), splat(patch[3])
-    zero, steep = splat(_ZERO), splat(slope)
+    zero, steep, sure = splat(_ZERO), splat(slope), splat(_SURE)
     chosen = spheres.chosen
     found = 0
     for k in range(0, count, LANES):
@@ -89,6 +93,11 @@ def _in_beam(spheres, count, patch, sx, sy, sz, slope):
         radius = load(spheres.radius, k)
         wide = spread + vmax(h + radius + spread, zero) * steep
         m = bits((aside < radius + wide) & (h + radius + spread > zero))
+        if m == 0:
+            continue
+        aside = aside + spread
+        if any_lane((fma(h + spread, steep, aside) < radius * sure) & (h - spread > aside * steep)):
+            return _CLOSED
         while m != 0:
             chosen[found] = k + trailing_zeros(m)
             found += 1
@@ -97,10 +106,11 @@ def _in_beam(spheres, count, patch, sx, sy, sz, slope):
 
 
 @kernel(borrows=True)
-def _collect_beam(tree, work, beam, site, sx, sy, sz, sine, cosine):
-    """Find the spheres beyond the near ball that rays towards a disc around s might meet; -1 if they are too many.
+def _collect_beam(tree, work, beam, site, sx, sy, sz, sine, cosine, low, high):
+    """Find spheres beyond the near ball that rays towards a disc around s might meet; returns their number, and whether these are all.
 
-    The beam is a cone with the particle as its base. Lengths in `beam` are in radii of the particle.
+    The beam is a cone with the particle as its base; only centres from `low` up to `high` along its axis count. Lengths, in `beam` too,
+    are in radii of the particle.
     """
     nodes, child, spheres, ids = tree.nodes, tree.child, tree.spheres, tree.ids
     stack, lanes = work.node, work.lanes
@@ -109,10 +119,11 @@ def _collect_beam(tree, work, beam, site, sx, sy, sz, sine, cosine):
     slope = splat(sine / cosine)
     inverse = _ONE / site.r
     reach = splat(site.reach * site.r)
-    count = 0
+    begin, end = splat(low * site.r), splat(high * site.r)
+    count, all_ = 0, True
     stack[0] = 0
     height = 1
-    while height > 0:
+    while height > 0 and all_:
         height -= 1
         node = stack[height]
         if node >= 0:
@@ -138,24 +149,27 @@ def _collect_beam(tree, work, beam, site, sx, sy, sz, sine, cosine):
         px, py, pz = fnma(h, splat(sx), ex), fnma(h, splat(sy), ey), fnma(h, splat(sz), ez)
         aside = vsqrt(fma(px, px, fma(py, py, pz * pz)))
         inside = (aside - r - vmax(h, zero) * slope) * splat(cosine) < size
-        m = bits(exists & inside & (h + size > -r))
+        exists = exists & inside & (h + size > -r)
         if node >= 0:
+            m = bits(exists & (h + size >= begin) & (h - size < end))
             while m != 0:
                 stack[height] = child[o + CHILDREN + trailing_zeros(m)]
                 height += 1
                 m &= m - 1
             continue
+        m = bits(exists & (h >= begin) & (h < end))
         if m == 0:
             continue
         store(lanes, 0, ex)
         store(lanes, LANES, ey)
         store(lanes, 2 * LANES, ez)
         store(lanes, 3 * LANES, size)
+        if count + popcount(m) > _MOST:
+            all_ = False
+            continue
         while m != 0:
             k = trailing_zeros(m)
             m &= m - 1
-            if count == _MOST:
-                return -1
             beam.x[count] = lanes[k] * inverse
             beam.y[count] = lanes[LANES + k] * inverse
             beam.z[count] = lanes[2 * LANES + k] * inverse
@@ -164,7 +178,7 @@ def _collect_beam(tree, work, beam, site, sx, sy, sz, sine, cosine):
     for k in range(count, (count + LANES - 1) // LANES * LANES):
         beam.x[k] = beam.y[k] = beam.z[k] = _ZERO
         beam.radius[k] = -FAR
-    return count
+    return count, all_
 
 
 @kernel(borrows=True)
@@ -209,7 +223,8 @@ def _leave_near_field(near, known, rays, table, s, scratch):
             if overlapping > 0:
                 seen &= ~buried_starts(near, overlapping, rays, o)
             if not away:
-                open_ = seen & bits(load(rays, o + 6 * LANES) > splat(_ZERO))
+                if found != _CLOSED:
+                    open_ = seen & bits(load(rays, o + 6 * LANES) > splat(_ZERO))
                 if open_ != 0 and found > 0:
                     open_ = unblocked(near, found, rays, o, open_)
             scratch.seen[block], scratch.open_[block] = seen, open_
@@ -218,29 +233,53 @@ def _leave_near_field(near, known, rays, table, s, scratch):
 
 
 @kernel(borrows=True)
+def _pass_spheres(beam, listed, rays, table, s, scratch):
+    """Of the rays that are open, keep those that no listed sphere blocks; returns whether there are any."""
+    any_open = False
+    for patch in range(table.patches.shape[0]):
+        first = patch * table.width
+        last = min(first + table.width, table.texel.shape[0] // LANES)
+        leaving = 0
+        for block in range(first, last):
+            leaving |= scratch.open_[block]
+        if leaving == 0:
+            continue
+        found = _in_beam(beam, listed, table.patches[patch], s[0], s[1], s[2], s[4] / s[5])
+        for block in range(first, last):
+            open_ = scratch.open_[block]
+            if found == _CLOSED:
+                open_ = 0
+            elif found > 0 and open_ != 0:
+                open_ = _clear_of(beam, found, rays, block * RAY, open_)
+            scratch.open_[block] = open_
+            any_open |= open_ != 0
+    return any_open
+
+
+@kernel(borrows=True)
 def _leave_beam(world, work, site, rays, table, s, scratch):
     """Of the rays that leave the near field, keep those that nothing beyond blocks either."""
-    beam, listed = scratch.beam, -1
     if world.cell is None and s[4] < _WIDEST:
-        listed = _collect_beam(world.tree, work, beam, site, s[0], s[1], s[2], s[4], s[5])
-    blocks = table.texel.shape[0] // LANES
-    for patch in range(table.patches.shape[0]):
-        found = -1
-        for block in range(patch * table.width, min((patch + 1) * table.width, blocks)):
-            open_ = scratch.open_[block]
-            if open_ == 0 or listed == 0:
-                continue
-            o = block * RAY
-            if listed > 0:
-                if found < 0:
-                    found = _in_beam(beam, listed, table.patches[patch], s[0], s[1], s[2], s[4] / s[5])
-                scratch.open_[block] = _clear_of(beam, found, rays, o, open_)
-                continue
-            while open_ != 0:
-                lane = trailing_zeros(open_)
-                open_ &= open_ - 1
-                if stopped(world, work, site, rays, o + lane):
-                    scratch.open_[block] &= ~(1 << lane)
+        low, high = -FAR, _FIRST_PART
+        while True:
+            listed, all_ = _collect_beam(
+                world.tree, work, scratch.beam, site, s[0], s[1], s[2], s[4], s[5], low, high
+            )
+            if listed > 0 and not _pass_spheres(scratch.beam, listed, rays, table, s, scratch):
+                return
+            if not all_:
+                break
+            if high == FAR:
+                return
+            low = high
+            high = high * _LONGER if high < _LAST_PART else FAR
+    for block in range(table.texel.shape[0] // LANES):
+        left = scratch.open_[block]
+        while left != 0:
+            lane = trailing_zeros(left)
+            left &= left - 1
+            if stopped(world, work, site, rays, block * RAY + lane):
+                scratch.open_[block] &= ~(1 << lane)
 
 
 @kernel(borrows=True)
