@@ -32,6 +32,7 @@ from luxel.light.world import make_world
 from luxel.picture.drawing import Crew, bare_table, draw_rays, make_eye, make_skin
 from luxel.picture.frames import Frame, Frames
 from luxel.picture.raytrace import visible_ids
+from luxel.picture.seen import SeenMarks
 from luxel.session import Session
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.codecs import Distortion, IncrementalPCA
@@ -255,7 +256,7 @@ def _pixel_costs_ns(data: DataSet, camera: luxel.Camera) -> tuple[float, float]:
     codes = np.random.default_rng(0).integers(0, 256, (len(seen), 16, 16)).astype(np.uint8)
     count = len(data.particles)
     textures = luxel.LuminanceTextures(seen, codes, 3.0, "sqrt", count, light_key(scene, _SPEC))
-    colors, marks = np.ones((count, 3), np.float32), np.zeros(count, np.uint8)
+    colors, marks = np.ones((count, 3), np.float32), SeenMarks(count, 1)
     total, crew = np.zeros((_SIDE, _SIDE, 5), np.float32), Crew(1)
     plain, lit = make_skin(bare_table(count), colors), make_skin(textures.snapshot(textures.key), colors)
     rivals: tuple[dict[str, Any], ...] = (
@@ -266,7 +267,7 @@ def _pixel_costs_ns(data: DataSet, camera: luxel.Camera) -> tuple[float, float]:
     best = [float("inf")] * 3
     for _ in range(15):
         for k, how in enumerate(rivals):
-            marks[:] = 0
+            marks.clear()
             start = thread_time()
             draw_rays(world.tree, world.lights, eye, (0.5, 0.5), total=total, crew=crew, first=True, **how)
             best[k] = min(best[k], thread_time() - start)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -87,7 +88,7 @@ def as_colors(colors: ArrayLike, count: int, what: str = "colors") -> NDArray[An
 def as_vector(value: ArrayLike, what: str, *, unit: bool = False) -> NDArray[np.float64]:
     """Return three finite numbers as float64 (3,), normalised when `unit`."""
     vector = _as_real(value, what).astype(np.float64).reshape(-1)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
+    if vector.shape != (3,) or not all(map(math.isfinite, vector.tolist())):
         raise InputError(f"{what} must be three finite numbers, got {value!r}")
     if unit:
         largest = float(np.abs(vector).max())

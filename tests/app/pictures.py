@@ -20,7 +20,7 @@ from tests.app.chromium import Page
 
 __all__ = ["WAIT_S", "agree", "capture", "choose", "match", "settle"]
 
-WAIT_S = 120.0  # only ever waited for when a test is about to fail
+WAIT_S = 300.0  # only ever waited for when a test is about to fail
 
 
 def settle(page: Page, *, fully: bool = False) -> dict[str, Any]:

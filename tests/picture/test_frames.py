@@ -343,6 +343,29 @@ def test_what_is_sighted_is_what_the_picture_shows():
         assert not cut.hides(particles)[source.told[-1][0]].any()
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_what_a_flying_camera_sees_is_told_with_the_next_frame(threads):
+    particles = cloud(60, radius=0.05)
+    scene = luxel.Scene(particles)
+    path = [luxel.Camera.framing(particles.bounds, azimuth=40.0 * k, aspect=1.0) for k in range(4)]
+    expected = [visible_ids(scene, camera, (48, 48)).tolist() for camera in path]
+    source = Witness(len(particles))
+
+    def told():
+        return [ids.tolist() for ids, _ in source.told]
+
+    with Frames(scene, size=(48, 48), textures=source, threads=threads) as frames:
+        for k, camera in enumerate(path):
+            frames.draw(luxel.View(camera=camera))
+            assert told() == expected[: max(1, k)]  # nobody knows yet that the camera flies
+        assert frames.drawing
+        frames.draw()
+        assert told()[:4] == expected
+        for (_, eye), camera in zip(source.told, path, strict=False):
+            assert np.array_equal(eye, camera.eye)
+        assert set(told()[-1]) >= set(expected[-1])
+
+
 def test_shadows_are_those_of_single_rays():
     particles = cloud(60, radius=0.1)
     scene = luxel.Scene(particles, lights=(Sky(0.5), Sun((0.3, -0.5, 1.0), 2.0, 0.1)))

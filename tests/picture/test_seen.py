@@ -9,48 +9,59 @@ import luxel
 from luxel.dynamic.look import Look
 from luxel.errors import InputError
 from luxel.kernels import FIRST_LIGHT, STALE
-from luxel.kernels.seen import are_rising, count_slots, list_seen
+from luxel.kernels.seen import are_rising, count_slots
 from luxel.light.world import make_world
-from luxel.picture.drawing import Crew, bare_table, draw_rays, make_eye, make_skin
-from luxel.textures.textures import TextureTable
+from luxel.picture.drawing import Crew, bare_table, draw_rays, make_eye, make_skin, trace_primary
+from luxel.picture.seen import SeenMarks
 from luxel.trace.spheres import SphereSet
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-def test_threads_together_count_every_particle_once(threads: int) -> None:
-    rng = np.random.default_rng(3)
-    particles = luxel.Particles(rng.uniform(-1, 1, (4000, 3)), 0.03)
+def test_threads_together_list_every_particle_that_is_hit_once(threads: int) -> None:
+    count = 10_000  # three blocks of marks, and a part of one
+    particles = luxel.Particles(np.random.default_rng(3).uniform(-1, 1, (count, 3)), 0.02)
     world = make_world(luxel.Scene(particles))
     camera = luxel.Camera.framing(particles.bounds, aspect=1.0)
     eye = make_eye(camera, SphereSet.of(particles), 1.0)
-    bare = bare_table(4000)
-    slot = rng.choice(np.array([-1, FIRST_LIGHT, 0, STALE], np.int32), 4000)
-    coarse = np.ones((4000, 4), np.float32)
-    table = TextureTable(slot, bare.codes, np.tile(bare.decoding, 2), "latlong", coarse)
-    seen, found = np.zeros(4000, np.uint8), np.empty(4000, np.int32)
-    total = np.zeros((150, 150, 5), np.float32)
+    seen, found = SeenMarks(count, threads), np.empty(count, np.int32)
+    total, skin = (
+        np.zeros((150, 150, 5), np.float32),
+        make_skin(bare_table(count), np.ones((count, 3), np.float32)),
+    )
     crew = Crew(threads)
+
+    def draw(shift: float) -> list[int]:
+        draw_rays(world.tree, world.lights, eye, (shift, shift), skin, total, crew, seen=seen)
+        ids: list[int] = found[: seen.list_into(found)].tolist()
+        return ids
+
+    def hit(shift: float) -> set[int]:
+        return set(trace_primary(world, eye, 150, 150, (shift, shift), 1)[1].ravel().tolist()) - {-1}
+
     for _ in range(5):
-        seen[:] = 0
-        count, *counts = draw_rays(
-            world.tree, world.lights, eye, (0.5, 0.5), make_skin(table, np.ones((4000, 3), np.float32)), total, crew, seen=seen
-        )  # fmt: skip
-        ids = found[: list_seen(seen, found)]
-        assert count == len(ids) > 500
-        np.testing.assert_array_equal(ids, np.flatnonzero(seen))
-        assert tuple(counts) == count_slots(ids, slot)
-        there = slot[ids]
-        expected = [
-            ((there >= 0) & (there < STALE)).sum(),
-            (there == FIRST_LIGHT).sum(),
-            (there >= STALE).sum(),
-        ]
-        assert counts[:3] == expected
-    # Nothing is new any more.
-    assert draw_rays(
-        world.tree, world.lights, eye, (0.5, 0.5), make_skin(table, np.ones((4000, 3), np.float32)), total, crew, seen=seen
-    ) == [0] * 5  # fmt: skip
+        seen.clear()
+        assert seen.list_into(found) == 0
+        assert draw(0.5) == sorted(hit(0.5))
+    # Until they are cleared, marks stay.
+    assert draw(0.1) == sorted(hit(0.5) | hit(0.1))
+    assert len(hit(0.5) | hit(0.1)) > len(hit(0.5)) > 500
     crew.close()
+
+
+def test_counts_of_slots() -> None:
+    rng = np.random.default_rng(4)
+    slot = rng.choice(np.array([-1, FIRST_LIGHT, 0, 5, STALE, STALE + 7], np.int32), 1000)
+    ids = np.flatnonzero(rng.random(1000) < 0.3).astype(np.int32)
+    there = slot[ids]
+    *counts, digest = count_slots(ids, slot)
+    assert counts == [
+        ((there >= 0) & (there < STALE)).sum(),
+        (there == FIRST_LIGHT).sum(),
+        (there >= STALE).sum(),
+    ]
+    other = slot.copy()
+    other[ids[7]] += 1
+    assert count_slots(ids, other)[-1] != digest == count_slots(ids, slot)[-1]
 
 
 @pytest.mark.parametrize(

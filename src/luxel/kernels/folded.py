@@ -80,7 +80,7 @@ def _note_centres(kept, met, centre, width, height, tx, ty, distance, ids):
 
 
 @kernel(borrows=True)
-def _draw_pixels(tree, lights, eye, shifts_x, shifts_y, left, top, skin, seen, width, height, tx, ty, bench):
+def _draw_pixels(tree, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench):
     """Trace and light the rays of 8 × 8 pixels, and keep what they bring; returns whether any came near a sphere."""
     fold = shifts_x.shape[0]
     columns, rows = fold * width, fold * height
@@ -101,14 +101,12 @@ def _draw_pixels(tree, lights, eye, shifts_x, shifts_y, left, top, skin, seen, w
                 continue
             met = True
             now = q
-            collect_hits(
-                tree, bench.tile, traced, skin, True, seen, columns, rows, fold * tx + x, fold * ty + y
-            )
+            collect_hits(tree, bench.tile, traced, skin, True, columns, rows, fold * tx + x, fold * ty + y)
         if ready_q >= 0:
             light_hits(tree, lights, eye, bench, skin, ready, _ZERO, True, False)
             _keep(bench.kept, ready_q, ready)
         if found_q >= 0:
-            find_slots(found, skin, seen, bench.tally)
+            find_slots(found, skin)
         traced, found, ready = ready, traced, found
         ready_q, found_q = found_q, now
     return met
@@ -116,7 +114,7 @@ def _draw_pixels(tree, lights, eye, shifts_x, shifts_y, left, top, skin, seen, w
 
 @kernel(borrows=True)
 def draw_folded(
-    tree, lights, eye, shifts_x, shifts_y, order, skin, seen, total, blank, distance, ids, tone, picture, bench, counter, edge
+    tree, lights, eye, shifts_x, shifts_y, order, skin, total, blank, distance, ids, tone, picture, bench, counter, edge
 ):  # fmt: skip
     """Send rays through (x + shifts_x[a], y + shifts_y[b]) of every pixel, all a and b, and add what they bring to `total`.
 
@@ -128,8 +126,6 @@ def draw_folded(
         (fold,) float32, evenly spaced by 1 / fold, the first one half of that away from the side of a pixel.
     order
         (fold²,) int32: when the ray through shifts_x[a] and shifts_y[b] is added, at b · fold + a.
-    seen
-        (0,) uint8.
     total, blank, tone, picture, counter, edge
         See `frame.draw_frame`; `total` holds zeros before.
     distance, ids
@@ -155,7 +151,7 @@ def draw_folded(
                 met = meets_leaf(
                     tree, eye, bench.tile, left, top, np.float32(TILE) * wide, np.float32(TILE) * high
                 ) and _draw_pixels(
-                    tree, lights, eye, shifts_x, shifts_y, left, top, skin, seen, width, height, tx, ty, bench
+                    tree, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench
                 )  # fmt: skip
                 if met:
                     blank[ty // TILE, tx // TILE] = 0

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from luxel.kernels import FIRST_LIGHT, STALE
+from luxel.kernels import FIRST_LIGHT
 from luxel.kernels.direct import lambert_lanes
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
-from luxel.kernels.memory import claim, float_lines, int_lines, prefetch, take
-from luxel.kernels.seen import slot_hash
+from luxel.kernels.memory import float_lines, int_lines, prefetch, take
+from luxel.kernels.seen import mark_seen
 from luxel.kernels.simd import LANES, fma, load, splat, store, vmax, vsqrt
 from luxel.kernels.textured import (
     APART,
@@ -47,7 +47,6 @@ from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
 __all__ = [
-    "TALLIES",
     "Bench",
     "Skin",
     "add_ray",
@@ -59,7 +58,6 @@ __all__ = [
 ]
 
 _ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))
-TALLIES = 5
 
 
 class Kept(NamedTuple):
@@ -78,7 +76,6 @@ class Bench(NamedTuple):
     rays: Scratch
     spare: np.ndarray
     opened: Opened
-    tally: np.ndarray  # (TALLIES,) int64
     hits: tuple  # three Hits: of the tiles whose particles, slots, and textures are under way
     kept: Kept
 
@@ -97,18 +94,16 @@ def make_bench(stack_size: int, words: int, rays: int) -> Bench:
         scratch(stack_size),
         float_lines(8 * LANES),
         make_opened(words),
-        np.zeros(TALLIES, np.int64),
         tuple(hits),
         Kept(*(int_lines(rays * RAYS) for _ in range(2)), *(float_lines(rays * RAYS) for _ in range(2))),
     )
 
 
 @kernel(inline=True, borrows=True)
-def collect_hits(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
+def collect_hits(tree, tile, hits, skin, textured, width, height, tx, ty):
     """Note which particles the rays of a tile hit, and where; ask where their textures lie."""
     spheres, ids, found = tree.spheres, tree.ids, tile.found
     words, who, slot = hits.words, hits.who, hits.slot
-    watched = seen.shape[0] > 0
     for j in range(RAYS):
         place = found[j]
         column, row = place_of(j)
@@ -125,8 +120,6 @@ def collect_hits(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
         prefetch(skin.colors, i * 12)
         if textured:
             prefetch(skin.slot, i * 4)
-            if watched:
-                prefetch(seen, i)
     for v in range(0, RAYS, LANES):
         t = load(words, T + v)
         dx, dy, dz = (
@@ -149,12 +142,10 @@ def collect_hits(tree, tile, hits, skin, textured, seen, width, height, tx, ty):
 
 
 @kernel(inline=True, borrows=True)
-def find_slots(hits, skin, seen, tally):
+def find_slots(hits, skin):
     """Note where the textures of a tile's particles lie; ask for them."""
     words, who, slot = hits.words, hits.who, hits.slot
     side = side_of(skin.texels)
-    watched = seen.shape[0] > 0
-    last = np.int32(-1)
     for v in range(0, RAYS, LANES):
         count = 0
         for j in range(v, v + LANES):
@@ -166,14 +157,6 @@ def find_slots(hits, skin, seen, tally):
             count += s >= 0
             if s == FIRST_LIGHT:
                 prefetch(skin.coarse, i * 16)
-            # Read before it is written: a line that all threads write goes back and forth between them.
-            if watched and i != last and seen[i] == 0 and claim(seen, i):
-                tally[0] += 1
-                tally[1] += (s >= 0) & (s < STALE)
-                tally[2] += s == FIRST_LIGHT
-                tally[3] += s >= STALE
-                tally[4] += slot_hash(i, s)
-            last = i
         hits.textured[v // LANES] = count
         if count:
             nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
@@ -280,7 +263,7 @@ def _clear(total, blank, tx, ty):
 
 @kernel(borrows=True)
 def draw_frame(
-    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, seen, total, blank, distance, ids, rays, tone, picture, bench, counter, edge
+    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, marks, marked, total, blank, distance, ids, rays, tone, picture, bench, counter, edge
 ):  # fmt: skip
     """Send one ray through (x + shift_x, y + shift_y) of every pixel and add what it brings to `total`.
 
@@ -297,8 +280,8 @@ def draw_frame(
         Whether Lambert comes with shadow rays, one to the middle of each light.
     first
         Overwrite `total` instead of adding to it.
-    seen
-        (N,) uint8: 1 is written for every particle that is hit; or (0,), then nothing is.
+    marks, marked
+        Where this thread marks the particles that are hit, see ``seen.mark_seen``; or (0,), then nothing is marked.
     total
         (H, W, 5) float32 sums: light times colour, light, coverage.
     blank
@@ -310,15 +293,13 @@ def draw_frame(
     picture
         (H, W, 3) uint8, developed by `tone`; or (0, 0, 3), then nothing is.
     counter
-        (1 + TALLIES,) int64: the first block, and of the particles newly marked in `seen` how many there are, have a texture, first light only, a
-        texture of another light, and the sum of hashes of their slots. All 0 before the first call.
+        (1,) int64, 0 before the first call: the first block that nobody has.
     edge
         Tiles along the side of a block.
     """
     height, width = total.shape[0], total.shape[1]
     step = _TWO * spacing / np.float32(width)
     traced, found, ready = bench.hits
-    bench.tally[:] = 0
     while True:
         left, top, right, bottom = block_of(take(counter, 1), edge, width, height)
         if top >= height:
@@ -343,16 +324,16 @@ def draw_frame(
                     continue
                 if blank.shape[0] > 0:
                     blank[ty // TILE, tx // TILE] = 0
-                collect_hits(tree, bench.tile, traced, skin, textured, seen, width, height, tx, ty)
+                collect_hits(tree, bench.tile, traced, skin, textured, width, height, tx, ty)
+                if marks.shape[0] > 0:
+                    mark_seen(traced.who, traced.corners, marks, marked)
             if ready_x >= 0:
                 _shade(
                     tree, lights, eye, bench, skin, ready, step, textured, shadows, first, total, ready_x, ready_y
                 )  # fmt: skip
             if textured and found_x >= 0:
-                find_slots(found, skin, seen, bench.tally)
+                find_slots(found, skin)
             traced, found, ready = ready, traced, found
             ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:
             develop_block(total, blank, rays, tone, left, right, top, bottom, picture)
-    for k in range(TALLIES):
-        take(counter[1 + k :], bench.tally[k])

@@ -1,4 +1,4 @@
-"""What frames have seen: lists and digests of particles by where their textures lie."""
+"""What frames have seen: marks, lists, and digests of particles by where their textures lie."""
 
 from __future__ import annotations
 
@@ -9,34 +9,85 @@ from luxel.kernels.jit import kernel
 from luxel.kernels.memory import prefetch
 from luxel.kernels.simd import trailing_zeros
 
-__all__ = ["are_rising", "count_slots", "distances", "list_seen", "note_sighting", "slot_hash"]
+__all__ = ["are_rising", "clear_seen", "count_slots", "distances", "list_seen", "mark_seen", "note_sighting"]
 
 _AHEAD = 24  # particles: what is asked for so early is there in time
 
 
 @kernel(inline=True)
-def slot_hash(particle, slot):
+def _slot_hash(particle, slot):
     """Hash of one particle's slot; sums of them tell whether any of many slots has changed."""
     h = (np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)
     h = (h ^ (h >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
     return np.int64((h ^ (h >> np.uint64(32))) * np.uint64(0x94D049BB133111EB))
 
 
-@kernel
-def list_seen(seen, found):
-    """List the particles marked in `seen`, ascending, into `found` (N,) int32; return how many.
+@kernel(inline=True, borrows=True)
+def mark_seen(who, room, marks, marked):
+    """Mark particles, negative for none.
 
-    `seen` is (N',) uint8, 0 or 1, with N' a multiple of 8 and at least N.
+    Parameters
+    ----------
+    who
+        (K,) int32.
+    room
+        At least (K,) int32 to work in.
+    marks
+        (W,) int64, a bit a particle; of one thread.
+    marked
+        (W / 64,) int64, a bit for every word of `marks` that is not 0.
     """
-    words = seen.view(np.int64)
+    # Rays side by side often hit the same, as often as not: left out without a branch.
+    count, last = 0, np.int32(-1)
+    for k in range(who.shape[0]):
+        i = who[k]
+        room[count] = i
+        count += (i >= 0) & (i != last)
+        last = i
+    for k in range(count):
+        i = room[k]
+        word = i >> 6
+        before = marks[word]
+        marks[word] = before | np.int64(1) << np.int64(i & 63)
+        if before == 0:
+            marked[word >> 6] |= np.int64(1) << np.int64(word & 63)
+
+
+@kernel
+def list_seen(marks, marked, found):
+    """List what any thread has marked, ascending, into `found` (N,) int32; return how many.
+
+    `marks` is (T, W) and `marked` (T, W / 64), a row a thread; what nobody has marked costs next to nothing.
+    """
+    threads = marks.shape[0]
     count = 0
-    for w in range(words.shape[0]):
-        left = words[w]
-        while left != 0:
-            found[count] = 8 * w + (trailing_zeros(left) >> 3)
-            count += 1
-            left &= left - 1
+    for block in range(marked.shape[1]):
+        words = np.int64(0)
+        for t in range(threads):
+            words |= marked[t, block]
+        while words != 0:
+            word = 64 * block + trailing_zeros(words)
+            words &= words - 1
+            left = np.int64(0)
+            for t in range(threads):
+                left |= marks[t, word]
+            while left != 0:
+                found[count] = 64 * word + trailing_zeros(left)
+                count += 1
+                left &= left - 1
     return count
+
+
+@kernel
+def clear_seen(marks, marked):
+    """Unmark all; see :func:`list_seen`."""
+    for t in range(marked.shape[0]):
+        for block in range(marked.shape[1]):
+            words = marked[t, block]
+            marked[t, block] = 0
+            while words != 0:
+                marks[t, 64 * block + trailing_zeros(words)] = 0
+                words &= words - 1
 
 
 @kernel
@@ -55,12 +106,15 @@ def count_slots(ids, slot):
     """Of particles `ids` (K,), count those with a texture, with first light only, with a texture of another light; and add up hashes of their slots."""
     textured = dim = stale = 0
     digest = np.int64(0)
+    last = ids.shape[0] - 1
     for k in range(ids.shape[0]):
-        s = slot[ids[k]]
+        prefetch(slot, np.intp(ids[min(k + _AHEAD, last)]) * 4)
+        i = ids[k]
+        s = slot[i]
         textured += (s >= 0) & (s < STALE)
         dim += s == FIRST_LIGHT
         stale += s >= STALE
-        digest += slot_hash(ids[k], s)
+        digest += _slot_hash(i, s)
     return textured, dim, stale, digest
 
 

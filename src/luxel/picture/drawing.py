@@ -22,6 +22,7 @@ from luxel.kernels.tone import SRGB_CELLS, Tone
 from luxel.kernels.tree_trace import Tree
 from luxel.light.lights import scene_white
 from luxel.light.mapping import mapping_code
+from luxel.picture.seen import SeenMarks
 from luxel.scene.camera import Camera
 from luxel.scene.colormap import linear_to_srgb, rgb, srgb_to_linear
 from luxel.scene.scene import Scene
@@ -32,7 +33,6 @@ from luxel.trace.tree import SphereTree, run_parts, thread_count
 
 __all__ = [
     "NONE_BLANK",
-    "NOT_SEEN",
     "NO_NEAREST",
     "NO_PICTURE",
     "Crew",
@@ -52,13 +52,13 @@ __all__ = [
     "trace_primary",
 ]
 
-NOT_SEEN: NDArray[np.uint8] = np.empty(0, np.uint8)
 NONE_BLANK: NDArray[np.uint8] = np.empty((0, 0), np.uint8)
 #: Distance (H, W) float32 and ids (H, W) int32 of what each pixel shows.
 Nearest = tuple[NDArray[np.float32], NDArray[np.int32]]
 NO_NEAREST: Nearest = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
 NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
 
+_NO_MARKS = np.empty(0, np.int64), np.empty(0, np.int64)
 _BAND = 4 * tiles.TILE  # rows a task
 _MOST_PIXELS = 2**28
 _LARGEST_EDGE, _BLOCKS_A_THREAD = 8, 16
@@ -81,9 +81,11 @@ class Crew:
         self._lock = threading.Lock()
         self._benches: deque[tuple[tuple[int, int, int], frame.Bench]] = deque(maxlen=self.threads)
 
-    def run(self, work: Callable[[], object]) -> None:
-        """Call `work` on every thread at once and wait for all; re-raises an error."""
+    def run(self, work: Callable[[], object], first: Callable[[], object] | None = None) -> None:
+        """Call `work` on every thread at once and wait for all; re-raises an error. The caller's begins with `first`."""
         if self.threads == 1:
+            if first is not None:
+                first()
             work()
             return
         # A helper that has no time before all is done is called off, but stays in the pool's queue for a while. It must not
@@ -99,6 +101,8 @@ class Crew:
                 self._pool = ThreadPoolExecutor(self.threads - 1, "luxel-draw")
             others = [self._pool.submit(help_out) for _ in range(self.threads - 1)]
         try:
+            if first is not None:
+                first()
             work()
         finally:
             for other in others:
@@ -145,29 +149,33 @@ def draw_rays(
     shadows: bool = False,
     first: bool = False,
     blank: NDArray[np.uint8] = NONE_BLANK,
-    seen: NDArray[np.uint8] = NOT_SEEN,
+    seen: SeenMarks | None = None,
     nearest: Nearest = NO_NEAREST,
     rays: int = 1,
     tone: Tone | None = None,
     picture: NDArray[np.uint8] = NO_PICTURE,
-) -> list[int]:
-    """Send one ray through every pixel, see :func:`luxel.kernels.frame.draw_frame`; return what it counts."""
-    counter = np.zeros(1 + frame.TALLIES, np.int64)
+    meanwhile: Callable[[], object] | None = None,
+) -> None:
+    """Send one ray through every pixel, see :func:`luxel.kernels.frame.draw_frame`.
+
+    What is hit is marked in `seen`, which has a row for each thread of the crew. `meanwhile` is called while others draw.
+    """
+    counter = np.zeros(1, np.int64)
     edge = _block_edge(total.shape[1], total.shape[0], crew.threads)
     if tone is None:
         tone = _untoned()
     x, y = np.float32(shift[0]), np.float32(shift[1])
+    rows = iter(range(crew.threads))
 
     def work() -> None:
+        marks = _NO_MARKS if seen is None else (seen.marks[row := next(rows)], seen.marked[row])
         with crew.bench(tree.stack_size, opened_words(skin.texels)) as bench:
             frame.draw_frame(
-                tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, seen, total, blank,
+                tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, *marks, total, blank,
                 *nearest, rays, tone, picture, bench, counter, edge
             )  # fmt: skip
 
-    crew.run(work)
-    counts: list[int] = counter[1:].tolist()
-    return counts
+    crew.run(work, meanwhile)
 
 
 def draw_folded(
@@ -213,7 +221,7 @@ def draw_folded(
     def work() -> None:
         with crew.bench(tree.stack_size, opened_words(skin.texels), antialias**2) as bench:
             folded.draw_folded(
-                tree, lights, eye, x, y, order, skin, NOT_SEEN, total, blank, *nearest, tone, picture, bench, counter, edge
+                tree, lights, eye, x, y, order, skin, total, blank, *nearest, tone, picture, bench, counter, edge
             )  # fmt: skip
 
     crew.run(work)

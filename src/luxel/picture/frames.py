@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels.seen import count_slots, list_seen
+from luxel.kernels.seen import count_slots
 from luxel.kernels.tone import develop_rows
 from luxel.light.lights import pack_lights
 from luxel.particles import Particles
 from luxel.picture.drawing import (
     NO_PICTURE,
-    NOT_SEEN,
     Crew,
     bare_table,
     blank_tiles,
@@ -35,6 +34,7 @@ from luxel.picture.drawing import (
 )
 from luxel.picture.image import Image
 from luxel.picture.lit import Bare, Lit, Still, lit_now
+from luxel.picture.seen import SeenMarks
 from luxel.scene.camera import Camera
 from luxel.scene.scene import Scene
 from luxel.scene.view import View
@@ -207,7 +207,7 @@ class Frames:
         self._tone: Any = None
         self._colors: NDArray[np.float32] = np.empty((0, 3), np.float32)
         self._bare: TextureTable | None = None
-        self._seen = np.zeros(0, np.uint8)
+        self._seen = SeenMarks(0, 1)
         self._found = _NO_IDS
         self._count = 0  # of particles seen since the camera moved: those first in `found`
         self._lit = (0, 0, 0)  # of them
@@ -216,6 +216,8 @@ class Frames:
         self._digest = 0  # of their slots
         self._told = ("", 0)  # light key, and how many of them the source was told
         self._told_s = -np.inf
+        self._owed: Callable[[], None] | None = None  # tells what the last frame saw
+        self._flies = False  # the camera moved before the last frame
         self._shown: _Pass | None = None
         self._growing: _Pass | None = None  # will replace it
         self._spare: _Sums | None = None
@@ -267,16 +269,23 @@ class Frames:
             self._forget(len(scene.particles))
         elif count_slots(self._found[: self._count], table.slot)[-1] != self._digest:
             changed = True
+        owed, self._owed = self._owed, None
         told = self._told == (source.key, self._count)
         drawn = self._next_pass(moved, changed)
         self._rested = drawn is None
         picture = None
         if drawn is not None:
-            picture, counts = self._add_ray(drawn, table)
-            self._gather(table, counts if moved else None)
-        elif changed:
+            picture = self._add_ray(drawn, table, owed)
+        elif owed is not None:
+            owed()
+        if drawn is not None or changed:
             self._gather(table)
-        self._tell(source, scene)
+        if moved and self._flies and self.bake_budget_s == 0:
+            # There is a next frame, and it will not see the same: others can draw it while this is told.
+            self._owed = self._telling(source, scene)
+        else:
+            self._tell(source, scene)
+        self._flies = moved
         if picture is None and (toned or self._frame is None):
             picture = self._developed()
         rests = told and drawn is None and not waiting
@@ -429,9 +438,9 @@ class Frames:
     def _forget(self, count: int) -> None:
         """Forget what was seen: the camera has moved."""
         if len(self._found) != count:
-            self._seen, self._found = np.zeros(-(-count // 8) * 8, np.uint8), np.empty(count, np.int32)
+            self._seen, self._found = SeenMarks(count, self._crew.threads), np.empty(count, np.int32)
         else:
-            self._seen[:] = 0
+            self._seen.clear()
         self._count, self._told = 0, ("", 0)
         self._digest, self._lit = 0, (0, 0, 0)
 
@@ -464,13 +473,15 @@ class Frames:
             sums = _Sums.of(width, height)
         return _Pass(sums, moving, want)
 
-    def _add_ray(self, current: _Pass, table: TextureTable) -> tuple[NDArray[np.uint8] | None, list[int]]:
-        """Send one ray through every pixel; return the picture, if this changes what is shown, and counts of what is newly seen."""
+    def _add_ray(
+        self, current: _Pass, table: TextureTable, meanwhile: Callable[[], None] | None
+    ) -> NDArray[np.uint8] | None:
+        """Send one ray through every pixel; return the picture, if this changes what is shown."""
         shift = (0.5, 0.5) if current.moving else self._shifts[current.count]
         current.count += 1
         picture = self._canvas() if current.count >= current.want else None
         textured = self.shading == "textures"
-        counts = draw_rays(
+        draw_rays(
             self._tree,
             self._lights,
             self._eye,
@@ -483,23 +494,22 @@ class Frames:
             shadows=self.shadows if textured else self.shading == "shadows",
             first=current.count == 1,
             blank=current.sums.blank,
-            seen=self._seen if textured else NOT_SEEN,
+            seen=self._seen if textured else None,
             rays=current.count,
             tone=self._tone,
             picture=NO_PICTURE if picture is None else picture,
+            meanwhile=meanwhile,
         )
         if picture is not None and current is self._growing:
             assert self._shown is not None
             self._spare, self._shown, self._growing = self._shown.sums, current, None
-        return picture, counts
+        return picture
 
-    def _gather(self, table: TextureTable, counts: list[int] | None = None) -> None:
-        """List what has been seen since the camera moved; `counts` are of all that, if known."""
+    def _gather(self, table: TextureTable) -> None:
+        """List what has been seen since the camera moved, and count what has light."""
         if self.shading == "textures":
-            self._count = list_seen(self._seen, self._found)
-            *lit, self._digest = (
-                count_slots(self._found[: self._count], table.slot) if counts is None else counts[1:]
-            )
+            self._count = self._seen.list_into(self._found)
+            *lit, self._digest = count_slots(self._found[: self._count], table.slot)
             self._lit = lit[0], lit[1], lit[2]
 
     def _tell(self, source: TextureSource, scene: Scene) -> None:
@@ -507,10 +517,14 @@ class Frames:
         now_s, now = self._clock(), (source.key, self._count)
         if self._told == now and now_s - self._told_s < _TELL_AGAIN_S:
             return
-        if self._count:
-            eye = self.view.camera_for(scene.particles, self.size).eye
-            source.sighted(self._found[: self._count], np.asarray(eye, np.float64))
+        self._telling(source, scene)()
         self._told, self._told_s = now, now_s
+
+    def _telling(self, source: TextureSource, scene: Scene) -> Callable[[], None]:
+        """Return what tells the source what is seen, as long as nobody lists that again."""
+        ids = self._found[: self._count]
+        eye = np.asarray(self.view.camera_for(scene.particles, self.size).eye, np.float64)
+        return lambda: source.sighted(ids, eye) if len(ids) else None
 
     def _developed(self) -> NDArray[np.uint8]:
         """Return the picture of what is shown under the present tone."""
