@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from .fakes import GUARD_S, Clock, Stage
+from .fakes import GUARD_S, Clock, FakeBaker, Stage
 
 
 def slow_stage(texture_s: float, **options) -> Stage:
@@ -23,7 +23,7 @@ def test_pieces_grow_towards_thirty_milliseconds_and_shrink_back():
     stage.engine.run_for(1.0)
     sizes = [len(batch) for batch in stage.bakers["day"].batches]
     assert sizes[:5] == [1, 2, 4, 8, 16]
-    assert sizes[-2] == pytest.approx(300, abs=1)
+    assert max(sizes) == pytest.approx(300, abs=1)
     stage.bakers["day"].texture_s = 1e-2
     stage.engine.run_for(20.0)
     assert len(stage.bakers["day"].batches[-2]) == 3
@@ -162,30 +162,71 @@ def test_while_one_thread_takes_sightings_in_another_bakes_what_was_known():
 def test_a_budget_holds_what_pieces_cost_besides_their_work():
     stage = slow_stage(3e-4)
 
+    handed_in = []
+
     def hand_in(batch):
         stage.clock.now_s += 2e-3
+        handed_in.append(batch)
 
     stage.engine.subscribe(hand_in)
     stage.request("day", range(20_000))
     stage.engine.run_for(0.01)
     for frame in range(60):
         start_s = stage.clock.now_s
-        before = len(stage.bakers["day"].batches)
+        handed_in.clear()
         stage.engine.run_for(0.01)
         if frame > 20:  # the cost is known
             assert 0.007 < stage.clock.now_s - start_s < 0.01 + 3e-4
-            assert len(stage.bakers["day"].batches) == before + 1  # the rest is not worth another one
+            assert len(handed_in) == 1  # the rest is not worth another one
 
 
 def test_the_rest_of_a_budget_makes_one_longer_piece():
     stage = slow_stage(1e-4)
     stage.request("day", range(20_000))
     stage.engine.run_for(1.0)
-    before = len(stage.bakers["day"].batches)
+    handed_in = []
+    stage.engine.subscribe(lambda batch: handed_in.append(len(batch.ids)))
     stage.engine.run_for(0.04)
-    sizes = [len(batch) for batch in stage.bakers["day"].batches[before:]]
-    assert max(sizes) == pytest.approx(400, abs=2)
-    assert sum(sizes) == pytest.approx(400, abs=2)
+    assert handed_in[0] == pytest.approx(400, abs=2)
+    assert sum(handed_in) == pytest.approx(400, abs=2)
+
+
+def test_what_a_piece_has_no_time_for_comes_with_the_next_one():
+    stage = slow_stage(1e-4)
+    baker = stage.bakers.setdefault("day", FakeBaker("day", stage.clock, 1e-4))
+    stage.request("day", range(2000))
+    stage.engine.run_for(0.1)
+    before, started = len(baker.batches), stage.clock.now_s
+    baker.texture_s = 1.4e-4
+    stage.engine.run_for(0.03)
+    first, rest = baker.batches[before:]
+    assert len(first) == 200  # two thirds of what the pace promised
+    assert len(rest) == pytest.approx(0.002 / 1.4e-4, abs=1)  # then time is short
+    assert stage.clock.now_s - started <= 0.03 + 1e-9
+    left = stage.cache.counts("day").baking
+    assert left == pytest.approx(300 - len(first) - len(rest), abs=2)
+    before = len(baker.batches)
+    stage.engine.run_for(0.03)
+    assert set(baker.batches[before][:left]).isdisjoint([*first, *rest])
+    stage.engine.run_for(60.0)
+    assert stage.ready("day") == set(range(2000))
+    assert len(stage.heard) == len(set(stage.heard)) == 2000
+
+
+def test_what_a_piece_has_no_time_for_goes_with_its_light():
+    stage = slow_stage(1e-4)
+    baker = stage.bakers.setdefault("day", FakeBaker("day", stage.clock, 1e-4))
+    stage.request("day", range(2000))
+    stage.engine.run_for(0.1)
+    baker.texture_s = 3e-4
+    stage.engine.run_for(0.03)
+    assert stage.cache.counts("day").baking > 0
+    stage.select("night")
+    assert stage.cache.counts("day").baking == stage.cache.counts("day").queued == 0
+    stage.select("day")
+    stage.request("day", range(2000))
+    stage.engine.run_for(60.0)
+    assert stage.ready("day") == set(range(2000))
 
 
 def test_a_budget_of_nothing_does_nothing():

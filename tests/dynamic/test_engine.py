@@ -327,6 +327,19 @@ def test_a_view_larger_than_the_cache_bakes_what_fits_and_stops():
     assert stage.engine.over_budget == 0
 
 
+def test_what_is_being_made_counts_as_room_taken():
+    """A piece that fails is done again one by one, with looks in between at what else there is room for."""
+    stage = Stage(count=1000, capacity=16, estimates=True)
+    stage.bakers["day"] = FakeBaker("day", bad=(3,))
+    stage.estimators["day"] = FakeBaker("day", bad=(3,), grade=ESTIMATE)
+    stage.select("day")
+    stage.request("day", range(23))
+    while stage.engine.run_once():
+        pass
+    assert stage.cache.stats().dropped == 0
+    assert len(stage.ready("day")) == stage.cache.capacity
+
+
 def test_clipped_texels_are_counted():
     stage = Stage()
     stage.select("day")

@@ -240,7 +240,9 @@ class DynamicMachine(RuleBasedStateMachine):
         state = self.cache.light(self.current).state
         visible = self.visible()
         queued = set(EVERY[work_of(state) == QUEUED].tolist())
-        again = {particle for desk in self.engine._baking.desks for _, particle in desk._again}
+        desks = self.engine._baking.desks
+        again = {particle for desk in desks for _, particle in desk._again}
+        again |= {particle for desk in desks for ids in desk._left.values() for particle in ids.tolist()}
         failed = set(EVERY[work_of(state) == FAILED].tolist())
         lacking = {each for each in visible if grade_of(state)[each] == NONE}
         assert len(lacking - queued - again - failed - self.dropped) <= self.engine.over_budget

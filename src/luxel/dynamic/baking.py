@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -22,6 +23,8 @@ __all__ = ["Baking"]
 log = logging.getLogger(__name__)
 
 _MAX_FAILURES = 16  # single particles in a row; then a kind of work is given up
+# Of a piece with a deadline, so much is baked before it is seen how much of the rest there is time for.
+_FIRST_PART, _LEAST_PARTED, _PLENTY = 2 / 3, 24, 2.0
 
 
 class Baking:
@@ -60,10 +63,16 @@ class Baking:
         self.failures: Counter[Kind] = Counter()
         self.clipped_count = 0
 
-    def do(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
-        """Do one piece, with `helpers`; return the seconds that its particles took, None if it failed."""
-        work = self._first_light if piece.kind is Kind.FIRST_LIGHT else self._bake
-        return work(desk, shop, piece, helpers)
+    def do(
+        self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None, end_s: float = math.inf
+    ) -> float | None:
+        """Do one piece, with `helpers`; return the seconds that its particles took, None if it failed.
+
+        Textures that would not be done by `end_s` are left to the next piece.
+        """
+        if piece.kind is Kind.FIRST_LIGHT:
+            return self._first_light(desk, shop, piece, helpers)
+        return self._bake(desk, shop, piece, helpers, end_s)
 
     def report(self, light: Entries, error: BaseException) -> None:
         """Note what went wrong under a light; with the lock held."""
@@ -96,19 +105,36 @@ class Baking:
             self.coarse_heard.tell(CoarseBatch(light.key, ids, records))
         return end_s - start_s
 
-    def _bake(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
+    def _bake(
+        self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None, end_s: float
+    ) -> float | None:
         light, ids = piece.light, piece.ids
         grade = shop.grade(piece.kind)
         start_s = self._clock()
         try:
             codes = np.empty((len(ids), self._cache.texels, self._cache.texels), dtype=np.uint8)
             baker = shop.baker(piece.kind)
-            clipped = sum(
-                in_shares(lambda share: baker.bake_into(ids[share], codes[share]), len(ids), helpers)
-            )
-            end_s = self._clock()
+
+            def bake(first: int, last: int) -> int:
+                some, room = ids[first:last], codes[first:last]
+                return sum(
+                    in_shares(lambda share: baker.bake_into(some[share], room[share]), len(some), helpers)
+                )
+
+            count = len(ids) if helpers is not None else self._first_part(piece, end_s - start_s)
+            clipped = bake(0, count)
+            now_s = self._clock()
+            if count < len(ids):
+                more = (end_s - now_s) * count / max(now_s - start_s, 1e-9)
+                if more >= 1:
+                    last = min(len(ids), count + int(more))
+                    clipped += bake(count, last)
+                    count, now_s = last, self._clock()
+                ids, codes = ids[:count], codes[:count]
             if self._cache.publish(light, ids, codes, grade).any():  # else they would only be asked for again
                 desk.done(piece, grade)
+            if count < len(piece.ids):
+                desk.leave(piece, piece.ids[count:])
         except BaseException as error:
             self._failed(desk, piece, error)
             if not isinstance(error, Exception):
@@ -117,11 +143,18 @@ class Baking:
         with self._lock:
             self.failures[piece.kind] = 0
             self.clipped_count += clipped
-            self.paces[piece.kind].record(end_s - start_s, len(ids))
-            self.rate.record(end_s, len(ids))
+            self.paces[piece.kind].record(now_s - start_s, count)
+            self.rate.record(now_s, count)
             stale = self.light is None or light.key != self.light.key
-        self.tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(len(ids), grade == ESTIMATE), stale))
-        return end_s - start_s
+        self.tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(count, grade == ESTIMATE), stale))
+        return now_s - start_s
+
+    def _first_part(self, piece: Piece, left_s: float) -> int:
+        """How many of a piece to bake before the clock is read: all where time is plenty, or a part would hardly be worth a call."""
+        count, each_s = len(piece.ids), self.paces[piece.kind].each_s
+        if count < _LEAST_PARTED or left_s > _PLENTY * each_s * count:
+            return count
+        return max(1, min(math.ceil(_FIRST_PART * count), int(left_s / each_s)))
 
     def _failed(self, desk: Desk, piece: Piece, error: BaseException) -> None:
         """Report a failure, and do the piece once more, or give it up."""

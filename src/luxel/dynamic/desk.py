@@ -63,6 +63,8 @@ class Piece:
 # Fewer are not worth a piece of work of their own: every fourth goes to those who have waited longest, and new ones would wait for many.
 _LEAST = {Kind.FIRST_LIGHT: 32}
 
+_NONE: Ids = np.empty(0, np.int32)
+
 
 class Desk:
     """Takes in sightings and hands out pieces of work, for the particles of one shard and one light key.
@@ -93,6 +95,7 @@ class Desk:
         self._lock = threading.Lock()
         self._queues: dict[Kind, RequestQueue] = {kind: make_queue() for kind in Kind}
         self._again: deque[tuple[Kind, int]] = deque()
+        self._left: dict[Kind, Ids] = {}  # of pieces for which time was too short; marked as being baked
         self._light: Entries | None = None
         self._version = -1
         self._taken_in: dict[str, int] = {}
@@ -126,6 +129,8 @@ class Desk:
                 found[Kind.REFINEMENT] = min(found[Kind.REFINEMENT], self._spare())
             for kind, _ in self._again:
                 found[kind] += 1
+            for kind, ids in self._left.items():
+                found[kind] += len(ids)
             return found
 
     def oldest_s(self, kinds: Collection[Kind], now_s: float) -> dict[Kind, float]:
@@ -141,7 +146,7 @@ class Desk:
     def may_have(self, kind: Kind) -> bool:
         """Whether it is worth to ask for a kind of work; takes no lock, and never says no where there is some."""
         fresh = self._looking or self._look_again or self._version != self._cache.version
-        return fresh or len(self._queues[kind]) > 0 or len(self._again) > 0
+        return fresh or len(self._queues[kind]) > 0 or len(self._again) > 0 or kind in self._left
 
     @property
     def over_budget(self) -> int:
@@ -150,7 +155,7 @@ class Desk:
 
     def take_known(self, light: Entries, kind: Kind, most: int, threads: int) -> Piece | None:
         """As :meth:`take`, of what has been taken in before; None if another thread is at this desk."""
-        if not len(self._queues[kind]) or not self._lock.acquire(blocking=False):
+        if not (len(self._queues[kind]) or kind in self._left) or not self._lock.acquire(blocking=False):
             return None
         try:
             return self._pop(light, kind, most, threads, oldest=False) if light is self._light else None
@@ -196,6 +201,14 @@ class Desk:
         if piece.light is self._light and (grade == ESTIMATE or self._over_budget):
             self._look_again = True
 
+    def leave(self, piece: Piece, ids: Ids) -> None:
+        """Give back particles of a piece for which time was too short: they come with the next one, or not at all if its light key is not wanted any more."""
+        with self._lock:
+            if piece.light is self._light and piece.kind not in self._hopeless:
+                self._left[piece.kind] = np.concatenate([self._left.get(piece.kind, ids[:0]), ids])
+                return
+        self._cache.release(piece.light, ids)
+
     def retry(self, piece: Piece) -> bool:
         """Do a piece that failed once more, one particle at a time; False if its light key is not wanted any more."""
         with self._lock:
@@ -222,18 +235,26 @@ class Desk:
         count = min(most, max(_LEAST.get(kind, 1), -(-len(queue) // threads)))
         if kind is Kind.REFINEMENT:
             count = min(count, self._spare())
+        left = self._left.pop(kind, None)
+        if left is not None:
+            count = max(1, count)
+            if len(left) > count:
+                self._left[kind] = left[count:]
+            left = left[:count]
+            count -= len(left)
         # What another client or a frame has overtaken is not in the queued state any more.
         while count > 0 and len(queue):
             ids = queue.pop_oldest(count) if oldest else queue.pop(count)
             mark = self._cache.mark_dawning if kind is Kind.FIRST_LIGHT else self._cache.mark_baking
             ids = ids[mark(light, ids)]
             if len(ids):
-                return Piece(kind, light, ids)
-        return None
+                return Piece(kind, light, ids if left is None else np.concatenate([left, ids]))
+        return None if left is None else Piece(kind, light, left)
 
     def _clear(self, kinds: Collection[Kind] = tuple(Kind)) -> None:
         for kind in kinds:
             self._release(kind, self._queues[kind].clear())
+            self._release(kind, self._left.pop(kind, _NONE))
         again, self._again = self._again, deque()
         for kind, particle in again:
             if kind in kinds:
@@ -286,7 +307,7 @@ class Desk:
         # Baking more than fits would only evict what is on the screen.
         shard = self._cache.shards[self.number]
         queue = self._queues[Kind.FIRST_TEXTURE]
-        if len(queue) + shard.used > shard.capacity // 2 and len(queue) > shard.room():
+        if len(queue) + shard.claimed > shard.capacity // 2 and len(queue) > shard.room():
             # What is out of sight gives way to all that is in sight, however long ago it was asked for.
             queue.drop_unseen()
             self._taken_in = {}

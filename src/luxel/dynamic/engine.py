@@ -235,8 +235,8 @@ class Engine:
         """Work on the caller's thread, and with its `helpers`, until `budget_s` seconds have passed or nothing is left; return pieces done.
 
         Sightings are taken in first. Pieces are made to fit into what is left of the budget then, as far as their pace is known and what handling them costs, and
-        none is begun that is known not to fit, or to be more handling than work, but for the first. So the budget is overrun by what the last piece takes longer than such
-        pieces did before, or by the one piece that is done.
+        none is begun that is known not to fit, or to be more handling than work, but for the first. Textures for which the time turns out too short are left to
+        the next piece. So the budget is overrun by what the last third of a piece takes longer than the rest of it, or by the one piece that is done.
         """
         self._check_open()
         if budget_s <= 0:
@@ -405,6 +405,7 @@ class Engine:
             careful = not math.isinf(left_s)
             handling_s = self._handling.each_s if careful else 0.0
             left_s -= handling_s
+            end_s = now_s + left_s
             limit_s = left_s if left_s <= _LAST_PIECE * piece_s else piece_s
             paces = {
                 kind: pace
@@ -426,7 +427,7 @@ class Engine:
             if known:
                 if shop is not None:
                     most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
-                    job = self._take_known(lit, shop, most, turn, helpers)
+                    job = self._take_known(lit, shop, most, turn, helpers, end_s)
             elif shop is None:
                 job = self._take_build(lit, now_s)
             else:
@@ -434,7 +435,7 @@ class Engine:
                 if oldest and self._is_overdue(shop, now_s):
                     job = self._take_preparation(lit, shop, now_s, limit_s)
                 if job is None:
-                    job = self._take_piece(lit, shop, now_s, most, turn, oldest, helpers)
+                    job = self._take_piece(lit, shop, now_s, most, turn, oldest, helpers, end_s)
                 if job is None:
                     job = self._take_preparation(lit, shop, now_s, limit_s)
         finally:
@@ -455,6 +456,7 @@ class Engine:
         turn: int,
         oldest: bool,
         helpers: Helpers | None,
+        end_s: float,
     ) -> Job | None:
         """Return work on particles: a kind at a time over all desks, the first of them in turn; or what has waited longest of all."""
         desks = self._desks_from(turn)
@@ -469,11 +471,17 @@ class Engine:
                 continue
             piece = desk.take(lit.light, kind, most[kind], now_s, threads, oldest=oldest)
             if piece is not None:
-                return functools.partial(self._baking.do, desk, shop, piece, helpers)
+                return functools.partial(self._baking.do, desk, shop, piece, helpers, end_s)
         return None
 
     def _take_known(
-        self, lit: _Lit, shop: Workshop, most: Mapping[Kind, int], turn: int, helpers: Helpers | None
+        self,
+        lit: _Lit,
+        shop: Workshop,
+        most: Mapping[Kind, int],
+        turn: int,
+        helpers: Helpers | None,
+        end_s: float,
     ) -> Job | None:
         """Return work on particles that desks know of, a kind at a time over all desks that no other thread is at."""
         threads = max(1, self.thread_count)
@@ -481,7 +489,7 @@ class Engine:
             for desk in self._desks_from(turn):
                 piece = desk.take_known(lit.light, kind, most[kind], threads)
                 if piece is not None:
-                    return functools.partial(self._baking.do, desk, shop, piece, helpers)
+                    return functools.partial(self._baking.do, desk, shop, piece, helpers, end_s)
         return None
 
     def _desks_from(self, turn: int) -> tuple[Desk, ...]:

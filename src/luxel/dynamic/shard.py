@@ -89,6 +89,11 @@ class Shard:
         """Slots in use."""
         return self._used
 
+    @property
+    def claimed(self) -> int:
+        """Slots in use, and those that textures under way will need."""
+        return self._used + self._baking(NONE)
+
     def room(self) -> int:
         """Textures that could still be stored without giving up any that a latest sighting shows."""
         with self.lock:
