@@ -13,13 +13,13 @@ from benchmarks.scenes import plate, plate_camera
 from luxel.kernels.tone import develop
 from luxel.light.lights import scene_white
 from luxel.light.world import make_world
-from luxel.picture.raytrace import draw_textures, make_eye, render
+from luxel.picture.drawing import Crew, draw_rays, make_eye, make_skin
+from luxel.picture.raytrace import render
 from luxel.scene.colormap import linear_to_srgb, rgb, srgb_to_linear
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
 from luxel.textures.textures import FIRST_LIGHT, TextureTable, decoding_table
 from luxel.trace.spheres import SphereSet
-from luxel.trace.tree import thread_count
 
 _LIGHTS = (luxel.Sky(1.0), luxel.Sun((1, 1, 2), level=2.0, angular_diameter=15))
 
@@ -102,7 +102,12 @@ def _levels(
     eye = make_eye(view.camera_for(scene.particles, size), SphereSet.of(scene.particles), width / height)
     total, picture = np.zeros((height, width, 5), np.float32), np.empty((height, width, 3), np.float32)
     colors = view.colors(scene.particles)
-    draw_textures(make_world(scene), eye, 1, table, colors, total, thread_count(None), filtered=filtered)
+    world, crew = make_world(scene), Crew()
+    spacing = 1.0 if filtered else 0.0
+    draw_rays(
+        world.tree, world.lights, eye, (0.5, 0.5), make_skin(table, colors), total, crew, spacing=spacing
+    )
+    crew.close()
     background = srgb_to_linear(rgb(view.background)).astype(np.float32)
     white = np.float32(scene_white(scene))
     develop(total, 1, np.float32(view.exposure), white, background, picture)

@@ -32,6 +32,7 @@ from luxel.trace.tree import thread_count
 __all__ = ["Soak", "Witness", "soak"]
 
 _BUDGET_S = 0.033
+_LEAST_MADE = 16  # textures between changes of light or time step
 
 
 @dataclass
@@ -120,13 +121,15 @@ def soak(
     seconds: float = float("inf"),
     frames: int = sys.maxsize,
     textures: int = 0,
+    changes: int = 0,
+    served: int = 0,
     size: tuple[int, int] = (512, 512),
     spec: TextureSpec | None = None,
     max_bytes: int = 64 << 20,
     rest: int = 40,
     seed: int = 0,
 ) -> Soak:
-    """Look around until `seconds` have passed, or so many `frames` are drawn and `textures` made.
+    """Look around until `seconds` have passed, or so many `frames` are drawn, `textures` made, lights or time steps changed, and followed requests `served`.
 
     Parameters
     ----------
@@ -147,7 +150,7 @@ def soak(
             ) as session,
             Frames(session, size=size, antialias=1, bake_budget_s=0.0 if dedicated else _BUDGET_S) as drawn,
         ):
-            _look_around(session, drawn, found, rng, seconds, (frames, textures), rest)
+            _look_around(session, drawn, found, rng, seconds, (frames, textures, changes, served), rest)
             error = session.status().error
             if error:
                 found.errors.append(error)
@@ -162,7 +165,7 @@ def _look_around(
     found: Soak,
     rng: np.random.Generator,
     seconds: float,
-    least: tuple[int, int],
+    least: tuple[int, int, int, int],
     rest: int,
 ) -> None:
     pieces = 0
@@ -183,13 +186,18 @@ def _look_around(
     session.subscribe(heard)
     session.subscribe_coarse(heard)
     azimuth, elevation, zoom = 0.0, 30.0, 1.0
+    changed, frame = 0, None
     start_s = time.monotonic()
     while time.monotonic() - start_s < seconds:
         stats = session._cache.stats()
         found.textures = stats.ready + stats.refined
-        if found.frames >= least[0] and found.textures >= least[1]:
+        so_far = found.frames, found.textures, found.lights + found.steps, found.witness.served
+        if all(count >= enough for count, enough in zip(so_far, least, strict=True)):
             break
-        if rng.random() < 1 / rest:
+        # Frames of a small picture come faster than any light could: each gets to make a few textures.
+        lit = found.textures - changed >= _LEAST_MADE or frame is None or frame.ready == frame.visible
+        if rng.random() < 1 / rest and lit:
+            changed = found.textures
             if rng.random() < 0.3 and len(session.series) > 1:
                 session.set_frame(int(rng.integers(len(session.series))))
                 found.steps += 1

@@ -7,15 +7,18 @@ import pytest
 
 import luxel
 from luxel.kernels import FIRST_LIGHT
+from luxel.kernels.tone import develop_rows
 from luxel.light.world import make_world
 from luxel.picture.drawing import (
     NO_NEAREST,
+    NONE_BLANK,
     Crew,
     bare_table,
     draw_folded,
     draw_rays,
     make_eye,
     make_skin,
+    make_tone,
     ray_shifts,
     trace_primary,
 )
@@ -50,10 +53,16 @@ def test_sums_are_those_of_single_rays(antialias: int, size: tuple[int, int], or
     for shift in ray_shifts(antialias):
         draw_rays(world.tree, world.lights, eye, shift, skin, expected, crew)
     draw_folded(
-        world.tree, world.lights, eye, antialias, skin, found, crew, nearest=nearest if antialias % 2 else NO_NEAREST
+        world.tree, world.lights, eye, antialias, skin, crew, total=found, nearest=nearest if antialias % 2 else NO_NEAREST
     )  # fmt: skip
-    crew.close()
     np.testing.assert_array_equal(found, expected)
+    # Without sums that outlive a block, the same picture.
+    tone = make_tone(luxel.Scene(particles), luxel.View())
+    shown, kept = (np.empty((height, width, 3), np.uint8) for _ in range(2))
+    draw_folded(world.tree, world.lights, eye, antialias, skin, crew, tone=tone, picture=shown)
+    crew.close()
+    develop_rows(expected, NONE_BLANK, antialias**2, tone, 0, height, kept)
+    np.testing.assert_array_equal(shown, kept)
     covered = (found[:, :, 4] == antialias**2).mean()
     assert 0.05 < covered < 0.95, "nothing to test"
     if antialias % 2:

@@ -59,13 +59,15 @@ def _keep_nothing(kept, q):
 
 
 @kernel(borrows=True)
-def _fold(kept, rays, colors, total, tx, ty):
-    """Add up what is kept of 8 × 8 pixels."""
+def _fold(kept, rays, colors, total, x, y):
+    """Add up what is kept of 8 × 8 pixels, in `total` from column x and row y on."""
+    for row in range(y, min(y + TILE, total.shape[0])):
+        total[row, x : x + TILE, :] = _ZERO
     for k in range(rays):
         for j in range(RAYS):
             i = kept.who[k * RAYS + j]
             if i >= 0:
-                add_ray(total, ty + j // TILE, tx + j % TILE, colors, i, kept.light[k * RAYS + j], False)
+                add_ray(total, y + j // TILE, x + j % TILE, colors, i, kept.light[k * RAYS + j], False)
 
 
 @kernel(borrows=True)
@@ -126,15 +128,17 @@ def draw_folded(
         (fold,) float32, evenly spaced by 1 / fold, the first one half of that away from the side of a pixel.
     order
         (fold²,) int32: when the ray through shifts_x[a] and shifts_y[b] is added, at b · fold + a.
-    total, blank, tone, picture, counter, edge
-        See `frame.draw_frame`; `total` holds zeros before.
+    total
+        (H, W, 5) float32 sums, zeros before; or (0, 0, 5), then they are kept only until they are developed.
+    blank, tone, picture, counter, edge
+        See `frame.draw_frame`.
     distance, ids
         As there, of the rays through the middles of pixels, with an odd fold only.
     bench
         Of one thread, with room for the rays of 8 × 8 pixels.
     """
     fold = shifts_x.shape[0]
-    height, width = total.shape[0], total.shape[1]
+    height, width = max(total.shape[0], picture.shape[0]), max(total.shape[1], picture.shape[1])
     base_x = shifts_x[0] - _HALF / np.float32(fold)
     base_y = shifts_y[0] - _HALF / np.float32(fold)
     wide, high = _TWO / np.float32(width), _TWO / np.float32(height)
@@ -144,6 +148,9 @@ def draw_folded(
         x, y, right, bottom = block_of(take(counter, 1), edge, width, height)
         if y >= height:
             break
+        sums, above, before = total, 0, 0
+        if total.shape[0] == 0:
+            sums, above, before = bench.kept.sums, y, x
         for ty in range(y, bottom, TILE):
             for tx in range(x, right, TILE):
                 left = (np.float32(tx) + base_x) * wide - _ONE
@@ -155,8 +162,8 @@ def draw_folded(
                 )  # fmt: skip
                 if met:
                     blank[ty // TILE, tx // TILE] = 0
-                    _fold(bench.kept, fold * fold, skin.colors, total, tx, ty)
+                    _fold(bench.kept, fold * fold, skin.colors, sums, tx - before, ty - above)
                 if ids.shape[0] > 0:
                     _note_centres(bench.kept, met, centre, width, height, tx, ty, distance, ids)
         if picture.shape[0] > 0:
-            develop_block(total, blank, fold * fold, tone, x, right, y, bottom, picture)
+            develop_block(sums, above, before, blank, fold * fold, tone, x, right, y, bottom, picture)

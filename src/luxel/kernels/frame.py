@@ -47,6 +47,7 @@ from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
 __all__ = [
+    "BLOCK",
     "Bench",
     "Skin",
     "add_ray",
@@ -57,6 +58,8 @@ __all__ = [
     "make_bench",
 ]
 
+#: Pixels along the longest side of a block that a thread draws.
+BLOCK = 8 * TILE
 _ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))
 
 
@@ -67,6 +70,7 @@ class Kept(NamedTuple):
     who: np.ndarray  # (rays · 64,) int32 particle, -1 for none
     light: np.ndarray  # (rays · 64,) float32
     far: np.ndarray  # (rays · 64,) float32 distance
+    sums: np.ndarray  # (64, 64, 5) float32, of a block of pixels
 
 
 class Bench(NamedTuple):
@@ -95,7 +99,13 @@ def make_bench(stack_size: int, words: int, rays: int) -> Bench:
         float_lines(8 * LANES),
         make_opened(words),
         tuple(hits),
-        Kept(*(int_lines(rays * RAYS) for _ in range(2)), *(float_lines(rays * RAYS) for _ in range(2))),
+        Kept(
+            int_lines(rays * RAYS),
+            int_lines(rays * RAYS),
+            float_lines(rays * RAYS),
+            float_lines(rays * RAYS),
+            np.zeros((BLOCK if rays else 0, BLOCK, 5), np.float32),
+        ),
     )
 
 
@@ -336,4 +346,4 @@ def draw_frame(
             traced, found, ready = ready, traced, found
             ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:
-            develop_block(total, blank, rays, tone, left, right, top, bottom, picture)
+            develop_block(total, 0, 0, blank, rays, tone, left, right, top, bottom, picture)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from luxel.kernels.jit import kernel
 
-__all__ = ["claim", "float_lines", "int_lines", "item", "lines", "prefetch", "take"]
+__all__ = ["float_lines", "int_lines", "item", "lines", "prefetch", "take"]
 
 _BYTE, _I32 = ir.IntType(8), ir.IntType(32)
 _LINE = 64  # bytes; sixteen lanes that straddle two of them take twice as long to load
@@ -75,15 +75,3 @@ def take(typingctx, counter, step):
         return builder.atomic_rmw("add", data, args[1], "monotonic")
 
     return types.int64(counter, types.int64), emit
-
-
-@intrinsic
-def claim(typingctx, flags, k):
-    """Set element k of an array of uint8 in one indivisible step; return whether it was 0 before."""
-
-    def emit(context, builder, sig, args):
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        before = builder.atomic_rmw("xchg", builder.gep(data, [args[1]]), _BYTE(1), "monotonic")
-        return builder.icmp_unsigned("==", before, _BYTE(0))
-
-    return types.boolean(flags, types.intp), emit

@@ -63,8 +63,13 @@ def develop(total, rays, exposure, white, background, picture):
 
 
 @kernel(borrows=True)
-def develop_block(total, blank, rays, tone, first_column, last_column, first_row, last_row, picture):
-    """As `develop_rows`, of columns [first_column, last_column) only; `blank` as in ``frame.draw_frame``."""
+def develop_block(
+    total, above, before, blank, rays, tone, first_column, last_column, first_row, last_row, picture
+):
+    """As `develop_rows`, of columns [first_column, last_column) only; `blank` as in ``frame.draw_frame``.
+
+    `total` lacks so many rows `above` and columns `before`.
+    """
     height = picture.shape[0]
     scale = _ONE / np.float32(rays)
     toe = tone.white ** np.float32(-0.6)
@@ -81,19 +86,20 @@ def develop_block(total, blank, rays, tone, first_column, last_column, first_row
                     picture[y, x, 0], picture[y, x, 1], picture[y, x, 2] = red, green, blue
                 continue
             for x in range(begin, end):
-                hits = total[y, x, 4]
+                sums = total[y - above, x - before]
+                hits = sums[4]
                 if hits == 0:
                     picture[y, x, 0], picture[y, x, 1], picture[y, x, 2] = red, green, blue
                     continue
                 cover = hits * scale
-                gain = _gain(total[y, x, 3], hits, cover, tone.exposure, tone.white, toe)
+                gain = _gain(sums[3], hits, cover, tone.exposure, tone.white, toe)
                 clear = _ONE - cover
-                picture[y, x, 0] = _level(tone, total[y, x, 0] * gain + r * clear)
-                picture[y, x, 1] = _level(tone, total[y, x, 1] * gain + g * clear)
-                picture[y, x, 2] = _level(tone, total[y, x, 2] * gain + b * clear)
+                picture[y, x, 0] = _level(tone, sums[0] * gain + r * clear)
+                picture[y, x, 1] = _level(tone, sums[1] * gain + g * clear)
+                picture[y, x, 2] = _level(tone, sums[2] * gain + b * clear)
 
 
 @kernel(borrows=True)
 def develop_rows(total, blank, rays, tone, first_row, last_row, picture):
     """Turn rows [first_row, last_row) of `total` (H, W, 5) into sRGB (H, W, 3) uint8; the background runs from top to bottom."""
-    develop_block(total, blank, rays, tone, 0, picture.shape[1], first_row, last_row, picture)
+    develop_block(total, 0, 0, blank, rays, tone, 0, picture.shape[1], first_row, last_row, picture)

@@ -68,15 +68,13 @@ def draw_bands(
     eye = make_eye(view.camera_for(scene.particles, (width, height)), spheres, width / height)
     skin, tone = make_skin(table, view.colors(scene.particles)), make_tone(scene, view)
     rows = min(height, max(1, _BAND_BYTES // (_SUM_BYTES * width * TILE)) * TILE)
-    sums = np.empty((rows, width, 5), np.float32)
+    sums = np.empty((rows if antialias == 1 else 0, width, 5), np.float32)
     pixels = np.empty((height, width, 3), np.uint8)
     crew = Crew(threads)
     try:
         for top in range(0, height, rows):
-            total = sums[: height - top]
-            total[:] = 0
-            part, corner = part_of(eye, (width, height), (0, top), (width, len(total)))
-            picture = pixels[top : top + len(total)]
+            picture = pixels[top : top + rows]
+            part, corner = part_of(eye, (width, height), (0, top), (width, len(picture)))
             if antialias > 1:
                 draw_folded(
                     tree,
@@ -84,19 +82,20 @@ def draw_bands(
                     part,
                     antialias,
                     skin,
-                    total,
                     crew,
                     corner=corner,
                     tone=tone,
                     picture=picture,
                 )
             else:
+                total = sums[: len(picture)]
+                total[:] = 0
                 shift = (corner[0] + 0.5, corner[1] + 0.5)
                 draw_rays(
                     tree, lights, part, shift, skin, total, crew, spacing=1.0, tone=tone, picture=picture
                 )
             if progress is not None:
-                progress(top + len(total), height)
+                progress(top + len(picture), height)
     finally:
         crew.close()
     return pixels

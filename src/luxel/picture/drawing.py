@@ -35,6 +35,7 @@ __all__ = [
     "NONE_BLANK",
     "NO_NEAREST",
     "NO_PICTURE",
+    "NO_SUMS",
     "Crew",
     "Nearest",
     "bare_table",
@@ -57,11 +58,12 @@ NONE_BLANK: NDArray[np.uint8] = np.empty((0, 0), np.uint8)
 Nearest = tuple[NDArray[np.float32], NDArray[np.int32]]
 NO_NEAREST: Nearest = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
 NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
+NO_SUMS: NDArray[np.float32] = np.empty((0, 0, 5), np.float32)
 
 _NO_MARKS = np.empty(0, np.int64), np.empty(0, np.int64)
 _BAND = 4 * tiles.TILE  # rows a task
 _MOST_PIXELS = 2**28
-_LARGEST_EDGE, _BLOCKS_A_THREAD = 8, 16
+_LARGEST_EDGE, _BLOCKS_A_THREAD = frame.BLOCK // tiles.TILE, 16
 
 
 class Crew:
@@ -184,9 +186,9 @@ def draw_folded(
     eye: tiles.Eye,
     antialias: int,
     skin: frame.Skin,
-    total: NDArray[np.float32],
     crew: Crew,
     *,
+    total: NDArray[np.float32] = NO_SUMS,
     corner: tuple[float, float] = (0.0, 0.0),
     tone: Tone | None = None,
     picture: NDArray[np.uint8] = NO_PICTURE,
@@ -199,7 +201,7 @@ def draw_folded(
     Parameters
     ----------
     total
-        (H, W, 5) zeros.
+        (H, W, 5) zeros that become sums; none, for the picture alone.
     corner
         Added to the place of rays in their pixels, see :func:`part_of`.
     tone, picture
@@ -208,7 +210,7 @@ def draw_folded(
         Written, if there is room: what pixels show at their centres; with an odd `antialias` only.
     """
     counter = np.zeros(1, np.int64)
-    height, width = total.shape[:2]
+    height, width = (total if len(total) else picture).shape[:2]
     edge, blank = _block_edge(width, height, crew.threads), blank_tiles(width, height)
     places = [(k + 0.5) / antialias for k in range(antialias)]
     x, y = (np.array([first + place for place in places], np.float32) for first in corner)

@@ -18,7 +18,6 @@ from luxel.light.world import make_world
 from luxel.particles import Particles
 from luxel.picture.drawing import (
     NO_NEAREST,
-    NO_PICTURE,
     NONE_BLANK,
     Crew,
     Nearest,
@@ -129,13 +128,14 @@ def render(
     seen = world._replace(tree=seen_tree(scene, view).arrays)
     eye = make_eye(camera, SphereSet.of(scene.particles), width / height)
     colors = view.colors(scene.particles)
-    total, pixels = np.zeros((height, width, 5), np.float32), np.empty((height, width, 3), np.uint8)
+    pixels = np.empty((height, width, 3), np.uint8)
     shifts, tone = ray_shifts(antialias), make_tone(scene, view)
     nearest = None
     if light == "pixel":
         spp = 64 if samples is None else samples
         if spp < 1:
             raise InputError(f"samples must be at least 1, got {samples}")
+        total = np.zeros((height, width, 5), np.float32)
         _draw_pixels(world, seen, eye, shifts, -(-spp // len(shifts)), colors, total, workers, progress)
         develop_rows(total, NONE_BLANK, len(shifts), tone, 0, height, pixels)
     else:
@@ -146,15 +146,14 @@ def render(
             mapping=mapping,
         )
         table = _table(scene, eye, size, shifts, textures, key, spec, workers, progress, seen)
-        nearest = draw_textures(
-            seen, eye, antialias, table, colors, total, workers, tone=tone, picture=pixels
-        )
+        nearest = draw_textures(seen, eye, antialias, table, colors, workers, tone=tone, picture=pixels)
     distance, ids = nearest or trace_primary(seen, eye, width, height, _CENTRE, workers)
     if colorbar and view.color_by is not None:
         from luxel.picture.colorbar import draw_colorbar
 
         pixels = draw_colorbar(pixels, view, scene.particles)
-    return Image(pixels, ids, distance * np.float32(SphereSet.of(scene.particles).unit))
+    distance *= np.float32(SphereSet.of(scene.particles).unit)
+    return Image(pixels, ids, distance)
 
 
 def visible_ids(
@@ -183,19 +182,18 @@ def draw_textures(
     antialias: int,
     table: TextureTable,
     colors: NDArray[np.float32],
-    total: NDArray[np.float32],
     threads: int,
     *,
     filtered: bool = True,
-    tone: Tone | None = None,
-    picture: NDArray[np.uint8] = NO_PICTURE,
+    tone: Tone,
+    picture: NDArray[np.uint8],
 ) -> Nearest | None:
-    """Add `antialias`² textured rays a pixel to `total` (H, W, 5), zeros before; see ``kernels.frame``.
+    """Send `antialias`² textured rays through every pixel of `picture` (H, W, 3); see ``kernels.frame``.
 
-    With one ray a pixel, textures are filtered over the pixel unless `filtered` is False; several rays filter by themselves. The sums are
-    developed by `tone` into `picture` (H, W, 3), if there is one. Returns what the pixels' centres show, if a ray goes through them.
+    With one ray a pixel, textures are filtered over the pixel unless `filtered` is False; several rays filter by themselves.
+    Returns what the pixels' centres show, if a ray goes through them.
     """
-    height, width = total.shape[:2]
+    height, width = picture.shape[:2]
     crew, skin = Crew(threads), make_skin(table, colors)
     nearest = NO_NEAREST
     if antialias % 2:
@@ -203,9 +201,10 @@ def draw_textures(
     to: dict[str, Any] = {"nearest": nearest, "tone": tone, "picture": picture}
     try:
         if antialias > 1:
-            draw_folded(world.tree, world.lights, eye, antialias, skin, total, crew, **to)
+            draw_folded(world.tree, world.lights, eye, antialias, skin, crew, **to)
         else:
-            blank, spacing = blank_tiles(width, height), 1.0 if filtered else 0.0
+            total, spacing = np.zeros((height, width, 5), np.float32), 1.0 if filtered else 0.0
+            blank = blank_tiles(width, height)
             draw_rays(
                 world.tree, world.lights, eye, _CENTRE, skin, total, crew, spacing=spacing, blank=blank, **to
             )
