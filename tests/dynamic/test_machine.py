@@ -69,7 +69,8 @@ class DynamicMachine(RuleBasedStateMachine):
         self.frames: list[tuple[object, dict[int, int], dict[int, float]]] = []
         self.wrong: list[str] = []
         self.event = (10**9, lambda: None)
-        self.dropped: set[int] = set()  # made, but frames held every slot that was free: to be sighted again
+        # (client, particle): made, but frames held every slot that was free: to be sighted again by this client.
+        self.dropped: set[tuple[str, int]] = set()
         self.engine.subscribe(self.hear)
         self.engine.subscribe_coarse(self.hear_coarse)
         self.lights: list[str] = []
@@ -94,6 +95,7 @@ class DynamicMachine(RuleBasedStateMachine):
         self.engine.forget(client)
         self.sightings.pop(client, None)
         self.asked = {entry: at for entry, at in self.asked.items() if entry[0] != client}
+        self.dropped = {entry for entry in self.dropped if entry[0] != client}
 
     @rule(key=KEYS)
     def relight(self, key):
@@ -245,7 +247,13 @@ class DynamicMachine(RuleBasedStateMachine):
         again |= {particle for desk in desks for ids in desk._left.values() for particle in ids.tolist()}
         failed = set(EVERY[work_of(state) == FAILED].tolist())
         lacking = {each for each in visible if grade_of(state)[each] == NONE}
-        assert len(lacking - queued - again - failed - self.dropped) <= self.engine.over_budget
+        asking = {
+            each
+            for client, (key, ids) in self.sightings.items()
+            for each in ids
+            if key == self.current and (client, each) not in self.dropped
+        }
+        assert len((lacking & asking) - queued - again - failed) <= self.engine.over_budget
         recent = {
             particle
             for (_, particle), at in self.asked.items()
@@ -273,7 +281,7 @@ class DynamicMachine(RuleBasedStateMachine):
         now = self.clock.now_s
         self.sightings[client], self.sighted_s[client] = (key, set(ids.tolist())), now
         self.asked.update({(client, each): now for each in ids.tolist()})
-        self.dropped -= set(ids.tolist())
+        self.dropped = {entry for entry in self.dropped if entry[0] != client}
 
     def hold(self):
         table = self.cache.snapshot(self.current)
@@ -314,7 +322,10 @@ class DynamicMachine(RuleBasedStateMachine):
             self.wrong.append(batch.key)  # an assertion would be taken for a listener that fails
         if not batch.stale:
             there = self.cache.lookup(batch.key, batch.ids)[0]
-            self.dropped |= set(batch.ids[~there].tolist())
+            lost = set(batch.ids[~there].tolist())
+            self.dropped |= {
+                (client, each) for client, (_, ids) in self.sightings.items() for each in lost & ids
+            }
 
     def hear_coarse(self, batch):
         if batch.key != self.current:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import luxel
-from luxel.errors import InputError
+from luxel.errors import InputError, ScalarError
 from luxel.picture.drawing import seen_tree
 from luxel.picture.frames import Frames
 from luxel.picture.raytrace import visible_ids
@@ -341,6 +341,17 @@ def test_what_is_sighted_is_what_the_picture_shows():
         cut = luxel.Cut("x", 0.5)
         frames.draw(luxel.View(camera=camera, hide=cut))
         assert not cut.hides(particles)[source.told[-1][0]].any()
+
+
+def test_a_view_that_fails_is_not_taken_for_drawn():
+    particles = cloud(60)
+    camera = luxel.Camera.framing(particles.bounds, aspect=1.0)
+    source = Witness(len(particles))
+    with Frames(luxel.Scene(particles), size=(48, 48), textures=source, threads=2) as frames:
+        with pytest.raises(ScalarError):
+            frames.draw(luxel.View(camera=camera, color_by="nothing"))
+        frame = frames.draw(luxel.View(camera=camera))
+        assert frame.visible == len(source.told[0][0]) > 0
 
 
 @pytest.mark.parametrize("threads", [1, 2])

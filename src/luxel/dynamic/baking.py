@@ -131,8 +131,11 @@ class Baking:
                     clipped += bake(count, last)
                     count, now_s = last, self._clock()
                 ids, codes = ids[:count], codes[:count]
-            if self._cache.publish(light, ids, codes, grade).any():  # else they would only be asked for again
+            stored = self._cache.publish(light, ids, codes, grade)
+            if stored.any():
                 desk.done(piece, grade)
+            if not stored.all():
+                desk.lost(piece)
             if count < len(piece.ids):
                 desk.leave(piece, piece.ids[count:])
         except BaseException as error:

@@ -201,6 +201,14 @@ class Desk:
         if piece.light is self._light and (grade == ESTIMATE or self._over_budget):
             self._look_again = True
 
+    def lost(self, piece: Piece) -> None:
+        """Note that some textures of a piece found no slot: what clients have begun to look at meanwhile may have taken all room.
+
+        Where frames hold the slots that are free, asking for them again would only make them in vain once more.
+        """
+        if piece.light is self._light and self._cache.shards[self.number].room() == 0:
+            self._look_again = True
+
     def leave(self, piece: Piece, ids: Ids) -> None:
         """Give back particles of a piece for which time was too short: they come with the next one, or not at all if its light key is not wanted any more."""
         with self._lock:

@@ -207,7 +207,7 @@ class Frames:
         self._tone: Any = None
         self._colors: NDArray[np.float32] = np.empty((0, 3), np.float32)
         self._bare: TextureTable | None = None
-        self._seen = SeenMarks(0, 1)
+        self._seen = SeenMarks(0, self._crew.threads)
         self._found = _NO_IDS
         self._count = 0  # of particles seen since the camera moved: those first in `found`
         self._lit = (0, 0, 0)  # of them
@@ -264,7 +264,11 @@ class Frames:
         scene, source, now = self._look()
         before = self._light_before(scene, source)
         table = now if before is None else now.with_stale(before)
-        moved, changed, toned = self._prepare(scene, source.key)
+        try:
+            moved, changed, toned = self._prepare(scene, source.key)
+        except BaseException:
+            self._made_of.clear()  # what has moved has not been drawn
+            raise
         if moved:
             self._forget(len(scene.particles))
         elif count_slots(self._found[: self._count], table.slot)[-1] != self._digest:
