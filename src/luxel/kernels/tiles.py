@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.memory import float_lines, int_lines, prefetch
+from luxel.kernels.memory import float_lines, int_lines
 from luxel.kernels.simd import (
     LANES,
     bits,
@@ -29,7 +29,7 @@ from luxel.kernels.simd import (
     vmin,
     vsqrt,
 )  # fmt: skip
-from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE
+from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE, ask_for
 
 __all__ = [
     "RAYS",
@@ -208,17 +208,6 @@ def _height_above(planes, p, x, y, z):
 
 
 @kernel(inline=True, borrows=True)
-def _ask_for(nodes, spheres, link):
-    """Ask for the memory of a node or leaf that is put on the stack."""
-    if link < 0:
-        for line in range(0, LEAF, LANES):
-            prefetch(spheres, 4 * (~link * LEAF + line))
-    else:
-        for line in range(0, NODE, LANES):
-            prefetch(nodes, 4 * (link * NODE + line))
-
-
-@kernel(inline=True, borrows=True)
 def _look_through(eye, tile, left, top, wide, high):
     """Put the planes of a tile, see `_put_planes`; returns by how much rounding may move them."""
     planes, sides = tile.planes, tile.sides
@@ -345,7 +334,7 @@ def trace_points(tree, eye, tile, width, height, left, top, wide, high):
                     level = bits(ahead >= t) & m & ~farther & ((1 << k) - 1)
                     j = height_of_stack + popcount(farther) + popcount(level)
                     stack[j], near[j] = link, t
-                    _ask_for(nodes, spheres, link)
+                    ask_for(nodes, spheres, link)
                 height_of_stack += popcount(m) - 1
                 current = stack[height_of_stack]
                 continue

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.memory import float_lines
+from luxel.kernels.memory import float_lines, prefetch
 from luxel.kernels.simd import (
     LANES,
     any_lane,
@@ -27,7 +27,7 @@ from luxel.kernels.simd import (
     vsqrt,
 )  # fmt: skip
 
-__all__ = ["CHILDREN", "IDS", "LEAF", "NODE", "Tree", "occluded", "scratch", "trace", "trace_rays"]
+__all__ = ["CHILDREN", "IDS", "LEAF", "NODE", "Tree", "ask_for", "occluded", "scratch", "trace", "trace_rays"]
 
 MISS = -1
 # Words of a node and of a leaf, and where the integers start: what is read together lies together.
@@ -60,6 +60,17 @@ class Scratch(NamedTuple):
 def scratch(stack_size):
     """Allocate working memory for one thread's rays."""
     return Scratch(np.empty(stack_size, np.int32), np.empty(stack_size, np.float32), float_lines(8 * LANES))
+
+
+@kernel(inline=True, borrows=True)
+def ask_for(nodes, spheres, link):
+    """Ask for the memory of a node or leaf that is put on the stack."""
+    if link < 0:
+        for line in range(0, LEAF, LANES):
+            prefetch(spheres, 4 * (~link * LEAF + line))
+    else:
+        for line in range(0, NODE, LANES):
+            prefetch(nodes, 4 * (link * NODE + line))
 
 
 @kernel(borrows=True)
@@ -112,7 +123,9 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
                     farther = bits(enter > t) & m
                     level = bits(enter >= t) & m & ~farther & ((1 << k) - 1)
                     j = height + popcount(farther) + popcount(level)
-                    stack[j], near[j] = child[base + k], t
+                    link = child[base + k]
+                    stack[j], near[j] = link, t
+                    ask_for(nodes, spheres, link)
                 height += popcount(m) - 1
                 current = stack[height]
                 continue
