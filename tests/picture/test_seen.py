@@ -23,7 +23,7 @@ def test_threads_together_list_every_particle_that_is_hit_once(threads: int) -> 
     world = make_world(luxel.Scene(particles))
     camera = luxel.Camera.framing(particles.bounds, aspect=1.0)
     eye = make_eye(camera, SphereSet.of(particles), 1.0)
-    seen, found = SeenMarks(count, threads), np.empty(count, np.int32)
+    seen, found, slot = SeenMarks(count, threads), np.empty(count, np.int32), np.zeros(count, np.int32)
     total, skin = (
         np.zeros((150, 150, 5), np.float32),
         make_skin(bare_table(count), np.ones((count, 3), np.float32)),
@@ -32,7 +32,7 @@ def test_threads_together_list_every_particle_that_is_hit_once(threads: int) -> 
 
     def draw(shift: float) -> list[int]:
         draw_rays(world.tree, world.lights, eye, (shift, shift), skin, total, crew, seen=seen)
-        ids: list[int] = found[: seen.list_into(found)].tolist()
+        ids: list[int] = found[: seen.list_into(found, slot)].tolist()
         return ids
 
     def hit(shift: float) -> set[int]:
@@ -40,7 +40,7 @@ def test_threads_together_list_every_particle_that_is_hit_once(threads: int) -> 
 
     for _ in range(5):
         seen.clear()
-        assert seen.list_into(found) == 0
+        assert seen.list_into(found, slot) == 0
         assert draw(0.5) == sorted(hit(0.5))
     # Until they are cleared, marks stay.
     assert draw(0.1) == sorted(hit(0.5) | hit(0.1))

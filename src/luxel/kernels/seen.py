@@ -54,10 +54,10 @@ def mark_seen(who, room, marks, marked):
 
 
 @kernel
-def list_seen(marks, marked, found):
-    """List what any thread has marked, ascending, into `found` (N,) int32; return how many.
+def list_seen(marks, marked, found, slot):
+    """List what any thread has marked, ascending, into `found` (N,) int32, and ask for its slots; return how many.
 
-    `marks` is (T, W) and `marked` (T, W / 64), a row a thread; what nobody has marked costs next to nothing.
+    `marks` is (T, W) and `marked` (T, W / 64), a row a thread; what nobody has marked costs next to nothing. `slot` is (N,) int32.
     """
     threads = marks.shape[0]
     count = 0
@@ -72,7 +72,9 @@ def list_seen(marks, marked, found):
             for t in range(threads):
                 left |= marks[t, word]
             while left != 0:
-                found[count] = 64 * word + trailing_zeros(left)
+                i = 64 * word + trailing_zeros(left)
+                prefetch(slot, np.intp(4 * i))
+                found[count] = i
                 count += 1
                 left &= left - 1
     return count

@@ -512,7 +512,7 @@ class Frames:
     def _gather(self, table: TextureTable) -> None:
         """List what has been seen since the camera moved, and count what has light."""
         if self.shading == "textures":
-            self._count = self._seen.list_into(self._found)
+            self._count = self._seen.list_into(self._found, table.slot)
             *lit, self._digest = count_slots(self._found[: self._count], table.slot)
             self._lit = lit[0], lit[1], lit[2]
 

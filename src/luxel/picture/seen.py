@@ -40,6 +40,9 @@ class SeenMarks:
         """Unmark all."""
         clear_seen(self.marks, self.marked)
 
-    def list_into(self, found: NDArray[np.int32]) -> int:
-        """Write the marked particles, ascending, to the beginning of `found` (count,); return how many there are."""
-        return int(list_seen(self.marks, self.marked, found))
+    def list_into(self, found: NDArray[np.int32], slot: NDArray[np.int32]) -> int:
+        """Write the marked particles, ascending, to the beginning of `found` (count,); return how many there are.
+
+        Their places in `slot` (count,), which are looked at next, are fetched meanwhile.
+        """
+        return int(list_seen(self.marks, self.marked, found, slot))
