@@ -90,6 +90,9 @@ class SessionLight:
     def run_for(self, budget_s: float, helpers: object = None) -> None:
         """Light is computed by the session's own threads."""
 
+    def take_in(self) -> None:
+        """They take sightings in, too."""
+
 
 class _BesideTextures(SessionTextures):
     """Textures of the light that is compared with; those of the session's own while there is none."""

@@ -263,6 +263,11 @@ class Engine:
                 break
         return count
 
+    def take_in(self) -> None:
+        """Take in what frames have sighted, so that the next budget need not begin with it."""
+        self._check_open()
+        self._look(self._clock())
+
     def _look(self, now_s: float) -> bool:
         """Take in what frames have sighted; False if another thread is doing so: two would only wait for each other's Python."""
         if not self._looking.acquire(blocking=False):

@@ -284,8 +284,8 @@ class Frames:
             owed()
         if drawn is not None or changed:
             self._gather(table)
-        if moved and self._flies and self.bake_budget_s == 0:
-            # There is a next frame, and it will not see the same: others can draw it while this is told.
+        if moved and self._flies:
+            # There is a next frame, and it will not see the same: others can draw it while this is told and taken in.
             self._owed = self._telling(source, scene)
         else:
             self._tell(source, scene)
@@ -528,7 +528,14 @@ class Frames:
         """Return what tells the source what is seen, as long as nobody lists that again."""
         ids = self._found[: self._count]
         eye = np.asarray(self.view.camera_for(scene.particles, self.size).eye, np.float64)
-        return lambda: source.sighted(ids, eye) if len(ids) else None
+
+        def tell() -> None:
+            if len(ids):
+                source.sighted(ids, eye)
+                if self.bake_budget_s > 0:
+                    self.target.take_in()
+
+        return tell
 
     def _developed(self) -> NDArray[np.uint8]:
         """Return the picture of what is shown under the present tone."""

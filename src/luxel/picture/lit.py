@@ -35,6 +35,10 @@ class Lit(Protocol):
         """Work on light for about so many seconds, on the caller's thread and its helpers'."""
         ...
 
+    def take_in(self) -> None:
+        """Take in what was sighted."""
+        ...
+
 
 def lit_now(target: Lit) -> tuple[Scene, TextureSource, TextureTable]:
     """Return scene, textures and their table that belong together, though another thread may change them now.
@@ -69,6 +73,9 @@ class Still:
     source: TextureSource
 
     def run_for(self, budget_s: float, helpers: Crew | None = None) -> None:
+        """There is nothing to do."""
+
+    def take_in(self) -> None:
         """There is nothing to do."""
 
 

@@ -472,6 +472,10 @@ class Session:
             done += self._engine_beside.run_for(left_s, helpers)
         return done
 
+    def take_in(self) -> None:
+        """Take in what was sighted, which :meth:`run_for` would begin with; frames do so while other threads draw."""
+        self._engine.take_in()
+
     def close(self) -> None:
         """Stop baking and join the threads; closing twice does no harm."""
         with self._lock:
