@@ -229,6 +229,15 @@ def test_what_a_piece_has_no_time_for_goes_with_its_light():
     assert stage.ready("day") == set(range(2000))
 
 
+def test_what_has_been_taken_in_waits_for_the_next_budget():
+    stage = slow_stage(1e-4)
+    stage.request("day", range(100))
+    assert stage.cache.counts("day").queued == 0
+    stage.engine.take_in()
+    assert stage.cache.counts("day").queued == 100
+    assert stage.bakers == {}
+
+
 def test_a_budget_of_nothing_does_nothing():
     stage = slow_stage(1e-4)
     stage.request("day", range(10))

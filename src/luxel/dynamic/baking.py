@@ -22,6 +22,9 @@ __all__ = ["Baking"]
 
 log = logging.getLogger(__name__)
 
+#: Seconds that particles took, how many were done, and what tells listeners.
+_Done = tuple[float, int, Callable[[], None]]
+
 _MAX_FAILURES = 16  # single particles in a row; then a kind of work is given up
 # Of a piece with a deadline, so much is baked before it is seen how much of the rest there is time for.
 _FIRST_PART, _LEAST_PARTED, _PLENTY = 2 / 3, 24, 2.0
@@ -70,9 +73,21 @@ class Baking:
 
         Textures that would not be done by `end_s` are left to the next piece.
         """
-        if piece.kind is Kind.FIRST_LIGHT:
-            return self._first_light(desk, shop, piece, helpers)
-        return self._bake(desk, shop, piece, helpers, end_s)
+        try:
+            if piece.kind is Kind.FIRST_LIGHT:
+                took_s, count, tell = self._first_light(shop, piece, helpers)
+            else:
+                took_s, count, tell = self._bake(desk, shop, piece, helpers, end_s)
+        except BaseException as error:
+            self._failed(desk, piece, error)
+            if not isinstance(error, Exception):
+                raise
+            return None
+        with self._lock:
+            self.failures[piece.kind] = 0
+            self.paces[piece.kind].record(took_s, count)
+        tell()
+        return took_s
 
     def report(self, light: Entries, error: BaseException) -> None:
         """Note what went wrong under a light; with the lock held."""
@@ -84,78 +99,62 @@ class Baking:
         for desk in self.desks:
             desk.give_up(light, kinds)
 
-    def _first_light(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None) -> float | None:
+    def _first_light(self, shop: Workshop, piece: Piece, helpers: Helpers | None) -> _Done:
         light, ids = piece.light, piece.ids
         start_s = self._clock()
-        try:
-            baker = shop.baker(piece.kind)
-            found = in_shares(lambda share: baker.first_light(ids[share]), len(ids), helpers)
-            records = np.concatenate(found)
-            end_s = self._clock()
-            kept = self._cache.put_coarse(light, ids, records)
-        except BaseException as error:
-            self._failed(desk, piece, error)
-            if not isinstance(error, Exception):
-                raise
-            return None
-        with self._lock:
-            self.failures[piece.kind] = 0
-            self.paces[piece.kind].record(end_s - start_s, len(ids))
-        if kept:
-            self.coarse_heard.tell(CoarseBatch(light.key, ids, records))
-        return end_s - start_s
+        baker = shop.baker(piece.kind)
+        records = np.concatenate(in_shares(lambda share: baker.first_light(ids[share]), len(ids), helpers))
+        took_s = self._clock() - start_s
+        kept = self._cache.put_coarse(light, ids, records)
 
-    def _bake(
-        self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None, end_s: float
-    ) -> float | None:
+        def tell() -> None:
+            if kept:
+                self.coarse_heard.tell(CoarseBatch(light.key, ids, records))
+
+        return took_s, len(ids), tell
+
+    def _bake(self, desk: Desk, shop: Workshop, piece: Piece, helpers: Helpers | None, end_s: float) -> _Done:
         light, ids = piece.light, piece.ids
         grade = shop.grade(piece.kind)
         start_s = self._clock()
-        try:
-            codes = np.empty((len(ids), self._cache.texels, self._cache.texels), dtype=np.uint8)
-            baker = shop.baker(piece.kind)
+        codes = np.empty((len(ids), self._cache.texels, self._cache.texels), dtype=np.uint8)
+        baker = shop.baker(piece.kind)
 
-            def bake(first: int, last: int) -> int:
-                some, room = ids[first:last], codes[first:last]
-                return sum(
-                    in_shares(lambda share: baker.bake_into(some[share], room[share]), len(some), helpers)
-                )
+        def bake(first: int, last: int) -> int:
+            some, room = ids[first:last], codes[first:last]
+            return sum(in_shares(lambda share: baker.bake_into(some[share], room[share]), len(some), helpers))
 
-            count = len(ids) if helpers is not None else self._first_part(piece, end_s - start_s)
-            clipped = bake(0, count)
-            now_s = self._clock()
-            if count < len(ids):
-                more = (end_s - now_s) * count / max(now_s - start_s, 1e-9)
-                if more >= 1:
-                    last = min(len(ids), count + int(more))
-                    clipped += bake(count, last)
-                    count, now_s = last, self._clock()
-                ids, codes = ids[:count], codes[:count]
-            stored = self._cache.publish(light, ids, codes, grade)
-            if stored.any():
-                desk.done(piece, grade)
-            if not stored.all():
-                desk.lost(piece)
-            if count < len(piece.ids):
-                desk.leave(piece, piece.ids[count:])
-        except BaseException as error:
-            self._failed(desk, piece, error)
-            if not isinstance(error, Exception):
-                raise
-            return None
-        with self._lock:
-            self.failures[piece.kind] = 0
-            self.clipped_count += clipped
-            self.paces[piece.kind].record(now_s - start_s, count)
-            self.rate.record(now_s, count)
-            stale = self.light is None or light.key != self.light.key
-        self.tiles_heard.tell(TileBatch(light.key, ids, codes, np.full(count, grade == ESTIMATE), stale))
-        return now_s - start_s
+        count = len(ids) if helpers is not None else self._first_part(piece, end_s - start_s)
+        clipped = bake(0, count)
+        now_s = self._clock()
+        if count < len(ids):
+            more = (end_s - now_s) * count / max(now_s - start_s, 1e-9)
+            if more >= 1:
+                last = min(len(ids), count + int(more))
+                clipped += bake(count, last)
+                count, now_s = last, self._clock()
+        made, codes = ids[:count], codes[:count]
+        stored = self._cache.publish(light, made, codes, grade)
+        if stored.any():
+            desk.done(piece, grade)
+        if not stored.all():
+            desk.lost(piece)
+        if count < len(ids):
+            desk.leave(piece, ids[count:])
+
+        def tell() -> None:
+            with self._lock:
+                self.clipped_count += clipped
+                self.rate.record(now_s, count)
+                stale = self.light is None or light.key != self.light.key
+            self.tiles_heard.tell(TileBatch(light.key, made, codes, np.full(count, grade == ESTIMATE), stale))
+
+        return now_s - start_s, count, tell
 
     def _first_part(self, piece: Piece, left_s: float) -> int:
         """How many of a piece to bake before the clock is read: all where time is plenty, or a part would hardly be worth a call."""
         count, each_s = len(piece.ids), self.paces[piece.kind].each_s
-        if count < _LEAST_PARTED or left_s > _PLENTY * each_s * count:
+        if count < _LEAST_PARTED or each_s == 0 or left_s > _PLENTY * each_s * count:
             return count
         return max(1, min(math.ceil(_FIRST_PART * count), int(left_s / each_s)))
 

@@ -112,7 +112,7 @@ class Frames:
 
     Each :meth:`draw` sends one ray through every pixel, shades what it hits with the textures that are ready now, else
     with first light, else as Lambert, and tells the source what was seen. While the camera moves, that is the
-    picture. Once it rests, rays add up to an antialiased picture that is, when all light is there, the one that
+    picture; what it shows is told while the next frame is drawn. Once it rests, rays add up to an antialiased picture that is, when all light is there, the one that
     :func:`luxel.render` makes of the same textures, byte for byte.
 
     Iterating draws until the picture is final::
@@ -286,7 +286,7 @@ class Frames:
             self._gather(table)
         if moved and self._flies:
             # There is a next frame, and it will not see the same: others can draw it while this is told and taken in.
-            self._owed = self._telling(source, scene)
+            self._owed = self._telling(source, scene, take_in=self.bake_budget_s > 0)
         else:
             self._tell(source, scene)
         self._flies = moved
@@ -524,15 +524,15 @@ class Frames:
         self._telling(source, scene)()
         self._told, self._told_s = now, now_s
 
-    def _telling(self, source: TextureSource, scene: Scene) -> Callable[[], None]:
-        """Return what tells the source what is seen, as long as nobody lists that again."""
+    def _telling(self, source: TextureSource, scene: Scene, *, take_in: bool = False) -> Callable[[], None]:
+        """Return what tells the source what is seen, and has it taken in, as long as nobody lists that again."""
         ids = self._found[: self._count]
         eye = np.asarray(self.view.camera_for(scene.particles, self.size).eye, np.float64)
 
         def tell() -> None:
             if len(ids):
                 source.sighted(ids, eye)
-                if self.bake_budget_s > 0:
+                if take_in:
                     self.target.take_in()
 
         return tell

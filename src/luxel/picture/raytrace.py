@@ -184,14 +184,12 @@ def draw_textures(
     colors: NDArray[np.float32],
     threads: int,
     *,
-    filtered: bool = True,
     tone: Tone,
     picture: NDArray[np.uint8],
 ) -> Nearest | None:
     """Send `antialias`² textured rays through every pixel of `picture` (H, W, 3); see ``kernels.frame``.
 
-    With one ray a pixel, textures are filtered over the pixel unless `filtered` is False; several rays filter by themselves.
-    Returns what the pixels' centres show, if a ray goes through them.
+    With one ray a pixel, textures are filtered over the pixel; several rays filter by themselves. Returns what the pixels' centres show, if a ray goes through them.
     """
     height, width = picture.shape[:2]
     crew, skin = Crew(threads), make_skin(table, colors)
@@ -203,10 +201,9 @@ def draw_textures(
         if antialias > 1:
             draw_folded(world.tree, world.lights, eye, antialias, skin, crew, **to)
         else:
-            total, spacing = np.zeros((height, width, 5), np.float32), 1.0 if filtered else 0.0
-            blank = blank_tiles(width, height)
+            total, blank = np.zeros((height, width, 5), np.float32), blank_tiles(width, height)
             draw_rays(
-                world.tree, world.lights, eye, _CENTRE, skin, total, crew, spacing=spacing, blank=blank, **to
+                world.tree, world.lights, eye, _CENTRE, skin, total, crew, spacing=1.0, blank=blank, **to
             )
     finally:
         crew.close()

@@ -9,7 +9,7 @@ from luxel.kernels.seen import clear_seen, list_seen
 
 __all__ = ["SeenMarks"]
 
-_BLOCK = 64 * 64  # particles a bit of `marked` times its bits
+_BLOCK = 64 * 64  # particles that a word of `marked` stands for
 
 
 class SeenMarks:
@@ -32,7 +32,6 @@ class SeenMarks:
 
     def __init__(self, count: int, threads: int) -> None:
         blocks = -(-count // _BLOCK)
-        self.count = count
         self.marks: NDArray[np.int64] = np.zeros((threads, 64 * blocks), np.int64)
         self.marked: NDArray[np.int64] = np.zeros((threads, blocks), np.int64)
 

@@ -475,6 +475,8 @@ class Session:
     def take_in(self) -> None:
         """Take in what was sighted, which :meth:`run_for` would begin with; frames do so while other threads draw."""
         self._engine.take_in()
+        if self._beside is not None:
+            self._engine_beside.take_in()
 
     def close(self) -> None:
         """Stop baking and join the threads; closing twice does no harm."""
