@@ -122,6 +122,34 @@ def test_a_frame_takes_its_budget_and_at_most_one_piece_of_work_more(budget_s):
         assert sum(sizes) >= 0.999 * texture_s * frame.visible
 
 
+def test_a_camera_at_rest_leaves_the_processors_to_light_that_comes():
+    tick_s = 1 / 64
+    ticks = iter(np.arange(0.0, 1e3, tick_s))
+    with (
+        fake_session(texture_s=0.01) as session,
+        Frames(session, size=SIZE, threads=1, antialias=2, clock=lambda: float(next(ticks))) as frames,
+    ):
+        dark = [(frames.draw(), frames.pause_s)[1] for _ in range(20)]
+        assert dark == [0.0] * 20  # nothing comes: no reason to wait
+        pauses = []
+        for _ in range(400):
+            session.run_for(0.01)
+            frame = frames.draw()
+            if frame.ready < frame.visible:
+                pauses.append(frames.pause_s)
+        assert frame.final
+        assert frames.pause_s == 0.0
+        assert sum(pause >= 4 * tick_s for pause in pauses) > len(pauses) / 2 > 5
+        session.relight(albedo=0.3)
+        for _ in range(8):
+            frames.draw()
+            session.run_for(0.01)
+        assert frames.pause_s > 0
+        camera = luxel.Camera.framing(session.scene.particles.bounds, azimuth=40)
+        frames.draw(luxel.View(camera=camera))
+        assert frames.pause_s == 0.0  # a flying camera waits for nothing
+
+
 def test_rays_add_up_while_the_camera_rests_and_start_anew_when_it_moves():
     scene = luxel.Scene(cloud(80))
     view = luxel.View()

@@ -220,10 +220,7 @@ class PageStream:
         message = self._at_rest(frame)
         if not frames.drawing:
             return message, math.inf if frame.final else _LOOK_S
-        # Light comes from the same processors: it gets its share of them.
-        bare = frames.shading == "lambertian" or self._light.scene.model == "lambertian"
-        lit = bare or frame.ready == frame.visible
-        return message, 0.0 if lit or frame.rays == 1 else took_s
+        return message, frames.pause_s  # light comes from the same processors
 
     def id_at(self, wish: Stream, x: float, y: float) -> int:
         """Return the particle at a point of the picture that somebody wished for, -1 for none.

@@ -49,6 +49,8 @@ _SHADINGS = ("textures", "lambertian", "shadows")
 # Requests of a client that keeps looking elsewhere lapse after two seconds; one that rests repeats itself sooner.
 _TELL_AGAIN_S = 0.5
 _PAUSE_S = 0.1  # between looks for new light, where nobody tells of it
+# At rest, what computes light gets so many times what drawing takes, as long as light has come within so many seconds.
+_LIGHT_SHARE, _LIGHT_COMES_S = 4.0, 0.5
 _FEW_THREADS = 4  # with so many, each takes pieces of work of its own
 _OWN_REFERENCES = 3  # the list's, the loop's, the call's
 _NOT_COLORS = frozenset({"camera", "hide", "exposure", "background", "up"})
@@ -218,6 +220,8 @@ class Frames:
         self._told_s = -np.inf
         self._owed: Callable[[], None] | None = None  # tells what the last frame saw
         self._flies = False  # the camera moved before the last frame
+        self._light_came_s = -np.inf
+        self._pause_s = 0.0
         self._shown: _Pass | None = None
         self._growing: _Pass | None = None  # will replace it
         self._spare: _Sums | None = None
@@ -259,6 +263,7 @@ class Frames:
         """
         if view is not None:
             self.view = view
+        begun_s, lit = self._clock(), self._lit
         # Before the light is looked at. It is asked only when nothing else is left to do: counting is work, and frames leave that to others.
         waiting = not self._rested or self._waiting()
         scene, source, now = self._look()
@@ -296,10 +301,22 @@ class Frames:
         if rests:
             self._before = ""  # nothing better comes: what is still shown under another light goes without
         self._keep(picture, final=rests and not self._lit[2])
+        self._pause_s = self._pause_after(begun_s, light_came=not moved and self._lit != lit)
         if self.bake_budget_s > 0:
             self._bake_for_a_while()
         assert self._frame is not None
         return self._frame
+
+    def _pause_after(self, begun_s: float, *, light_came: bool) -> float:
+        """Return how long to leave the processors to those who compute light, after a frame that was begun then."""
+        now_s = self._clock()
+        if light_came:
+            self._light_came_s = now_s
+        grows = self._shown is not None and not self._shown.moving
+        dark = self._lit[0] < self._count
+        if not (grows and dark and self._drew and now_s - self._light_came_s < _LIGHT_COMES_S):
+            return 0.0
+        return _LIGHT_SHARE * (now_s - begun_s)
 
     def _bake_for_a_while(self) -> None:
         """Spend the budget. A few threads each take pieces of their own, which hides what taking costs; many would queue for it."""
@@ -320,6 +337,7 @@ class Frames:
             while True:
                 self._news.clear()
                 frame = self.draw()
+                view = self.view
                 if frame is not last:
                     yield frame
                 elif not self._drew and not self.bake_budget_s:
@@ -327,6 +345,8 @@ class Frames:
                 if frame.final:
                     return
                 last = frame
+                if view is self.view and not self.bake_budget_s:
+                    time.sleep(self._pause_s)
         finally:
             leave()
 
@@ -334,6 +354,11 @@ class Frames:
     def drawing(self) -> bool:
         """Whether the last :meth:`draw` sent rays, so that the next may show more without any news."""
         return self._drew
+
+    @property
+    def pause_s(self) -> float:
+        """Seconds by which to put off the next :meth:`draw` of a camera at rest, so that light that is under way comes soon; 0 if none is."""
+        return self._pause_s
 
     def id_at(self, x: float, y: float) -> int:
         """Return the particle at a point of the picture that was drawn last, -1 for none.
