@@ -1,12 +1,12 @@
 """The paper's tables with its numbers beside ours.
 
-    python -m benchmarks.paper_tables [table2] [table3] [table4] [table5] [table6] [splits] [figure8] [--quick] [--json] [--threads N]
+    python -m benchmarks.paper_tables [table2] [table3] [table4] [table5] [table6] [splits] [fill] [figure8] [--quick] [--json] [--threads N]
 
 table2: time and memory of a bake. table3: codecs at equal bytes (d is the mean over textures of the sum of squared
 differences of codes; the paper does not state its unit, so only ratios within a column compare). table4: frame rates
 of textures over Lambert with one shadow ray a pixel, 1024², pairs in turn. The paper's machine: 16 cores of 2008, and data
 sets that are not public; its rows are quoted, not repeated. table5 and table6: dynamic textures, see
-``paper_tables_dynamic``. splits and figure8: how they share a machine, see ``paper_scaling``; these need the synthetic plate only.
+``paper_tables_dynamic``. splits, fill and figure8: how they share a machine, see ``paper_scaling``; these need the synthetic plate only.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import luxel
 from benchmarks.lambert import draw_lambert, draw_textured
 from benchmarks.light_scenes import DataSet, data_sets
 from benchmarks.measure import interleaved, ratio, report, verdict
-from benchmarks.paper_scaling import figure8, splits
+from benchmarks.paper_scaling import figure8, fill, splits
 from benchmarks.paper_tables_dynamic import table5, table6
 from luxel.light.world import make_world
 from luxel.picture.drawing import Crew, blank_tiles, make_eye
@@ -186,7 +186,7 @@ TABLES = {
     "table5": table5,
     "table6": table6,
 }
-SCALING = {"splits": splits, "figure8": figure8}
+SCALING = {"splits": splits, "fill": fill, "figure8": figure8}
 
 
 def main() -> None:
@@ -197,7 +197,7 @@ def main() -> None:
     parser.add_argument("tables", nargs="*", choices=[*TABLES, *SCALING, []], help="which (default: all)")
     parser.add_argument("--quick", action="store_true", help="smaller lots: five minutes on two cores")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--threads", type=int, help="of splits and figure8 at most (default: all)")
+    parser.add_argument("--threads", type=int, help="of splits, fill and figure8 at most (default: all)")
     options = parser.parse_args()
     chosen = options.tables or [*TABLES, *SCALING]
     threads = thread_count(options.threads)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import luxel
-from luxel.dynamic.cache import bytes_for
+from luxel.dynamic.allotment import bytes_for
 from luxel.dynamic.work import TileBatch
 from luxel.errors import FrameError, InputError, SessionClosedError
 from luxel.particles import Particles

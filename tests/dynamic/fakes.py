@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from luxel.dynamic.cache import TextureCache, bytes_for
+from luxel.dynamic.allotment import bytes_for
+from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.engine import Engine
 from luxel.dynamic.entries import ESTIMATE, FULL
 from luxel.dynamic.work import Bakers

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from luxel.dynamic.cache import TextureCache, bytes_for
+from luxel.dynamic.allotment import bytes_for
+from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.entries import BAKING, ESTIMATE, FAILED, FULL, IDLE, NONE, QUEUED
 from luxel.dynamic.sightings import Sighting, by_shard, shard_of
 from luxel.errors import InputError

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import luxel
-from luxel.dynamic.cache import TextureCache, bytes_for
+from luxel.dynamic.allotment import bytes_for
+from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.compressor import Compressor
 from luxel.errors import InputError
 from luxel.kernels.lookup import read_codes

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from benchmarks.soak import soak
-from luxel.dynamic.cache import bytes_for
+from luxel.dynamic.allotment import bytes_for
 from luxel.textures.spec import TextureSpec
 from tests.scenes import cloud
 

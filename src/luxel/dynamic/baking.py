@@ -55,7 +55,7 @@ class Baking:
     """
 
     def __init__(self, cache: TextureCache, clock: Callable[[], float], lock: threading.Lock) -> None:
-        self._cache, self._clock, self._lock = cache, clock, lock
+        self._cache, self._clock, self.lock = cache, clock, lock
         self.light: Entries | None = None
         self.desks: tuple[Desk, ...] = ()
         self.error: str | None = None
@@ -83,7 +83,7 @@ class Baking:
             if not isinstance(error, Exception):
                 raise
             return None
-        with self._lock:
+        with self.lock:
             self.failures[piece.kind] = 0
             self.paces[piece.kind].record(took_s, count)
         tell()
@@ -143,7 +143,7 @@ class Baking:
             desk.leave(piece, ids[count:])
 
         def tell() -> None:
-            with self._lock:
+            with self.lock:
                 self.clipped_count += clipped
                 self.rate.record(now_s, count)
                 stale = self.light is None or light.key != self.light.key
@@ -162,7 +162,7 @@ class Baking:
         """Report a failure, and do the piece once more, or give it up."""
         light, ids, kind = piece.light, piece.ids, piece.kind
         hopeless = False
-        with self._lock:
+        with self.lock:
             self.report(light, error)
             if piece.alone:
                 self.failures[kind] += 1

@@ -13,11 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.dynamic.allotment import (
+    ALL_BYTES,
+    COARSE_BYTES,
+    COPY_BYTES,
+    LEAST_COPIES,
+    LIGHT_BYTES,
+    MAX_LIGHTS,
+    OTHER_BYTES,
+    bytes_for,
+    set_aside,
+    slot_count,
+)
 from luxel.dynamic.arena import NOBODY, SLOT_BYTES, Arena
 from luxel.dynamic.compressor import Compressor
 from luxel.dynamic.entries import (
     DAWNING,
-    ENTRY_BYTES,
     FAILED,
     FULL,
     LIT,
@@ -26,7 +37,7 @@ from luxel.dynamic.entries import (
     Counts,
     Entries,
 )
-from luxel.dynamic.shard import Shard, kept_slots
+from luxel.dynamic.shard import Shard
 from luxel.dynamic.sightings import Ids, Sighting, by_shard, shard_of
 from luxel.dynamic.slot_table import SlotTable
 from luxel.errors import InputError
@@ -35,16 +46,9 @@ from luxel.light.mapping import Mapping
 from luxel.textures.textures import FIRST_LIGHT, NO_COARSE, Encoding, TextureTable, decoding_table
 from luxel.trace.tree import thread_count
 
-__all__ = ["CacheStats", "TextureCache", "bytes_for"]
+__all__ = ["CacheStats", "TextureCache"]
 
-# What a particle's tables cost: coarse record, a copy of its slot for frames.
-_COARSE_BYTES, _COPY_BYTES = 16, 4
-_MOST_COPIES, _LEAST_COPIES = 3, 2
-_MAX_LIGHTS = 16
-# Set aside for them: room for so many light keys, but no more than a quarter of the budget, unless one key needs that.
-_LIGHT_BYTES = ENTRY_BYTES + _LEAST_COPIES * _COPY_BYTES
-_OTHER_BYTES = ENTRY_BYTES + _COPY_BYTES
-_ALL_BYTES = _LIGHT_BYTES + _COPY_BYTES + _COARSE_BYTES + (_MAX_LIGHTS - 1) * _OTHER_BYTES
+_MOST_COPIES = 3
 # Fewer particles, or room for fewer textures, are not worth several locks.
 _SHARDED_COUNT = 16_384
 _MOST_SHARDS = 8
@@ -200,7 +204,7 @@ class TextureCache:
                 if light.dropped:
                     raise InputError(
                         f"{self.max_bytes} bytes are too few to keep {count} particles under two lights at once — set max_bytes to "
-                        f"{_ALL_BYTES * 4 * count} at least"
+                        f"{ALL_BYTES * 4 * count} at least"
                     )
             else:
                 self._lights = {**others, key: light}
@@ -415,9 +419,9 @@ class TextureCache:
         """Divide the budget between textures and tables when it is first known how many particles there are."""
         fixed = 0 if self._compressor is None else self._compressor.most_bytes
         if self._arena is None:
-            slots = _slot_count(self.max_bytes - fixed, self._texture_bytes, count)
+            slots = slot_count(self.max_bytes - fixed, self._texture_bytes, count)
             if slots > 0:
-                self._set_aside = _set_aside(self.max_bytes - fixed, count)
+                self._set_aside = set_aside(self.max_bytes - fixed, count)
                 shards = self._shard_count or (_usual_shards() if min(slots, count) >= _SHARDED_COUNT else 1)
                 slots = max(slots, shards)
                 self._arena = arena = Arena(slots, self._shape)
@@ -426,12 +430,12 @@ class TextureCache:
                     Shard(k, arena, ends[k], ends[k + 1], self._protection, self._by_number)
                     for k in range(shards)
                 )
-        if self._arena is None or _LIGHT_BYTES * count > self._set_aside:
+        if self._arena is None or LIGHT_BYTES * count > self._set_aside:
             components = 0 if self._compressor is None else self._compressor.components
             needed = bytes_for(1, self.texels, count, components)
             raise InputError(
                 f"{self.max_bytes} bytes are too few to keep textures of {count} particles — set max_bytes to {needed} at least, "
-                f"better {_ALL_BYTES * 4} for each particle"
+                f"better {ALL_BYTES * 4} for each particle"
             )
 
     def _share_out(self, light: Entries, others: list[Entries]) -> None:
@@ -440,22 +444,22 @@ class TextureCache:
         for each in (light, *others):
             each.table.spare()
         # Frames that go on may hold copies of older light keys, and more of this one than there were to be.
-        held = max(0, light.state.nbytes + light.table.nbytes - _LIGHT_BYTES * count)
-        left = self._set_aside - _LIGHT_BYTES * count - held
-        coarse = _COARSE_BYTES * count <= left
+        held = max(0, light.state.nbytes + light.table.nbytes - LIGHT_BYTES * count)
+        left = self._set_aside - LIGHT_BYTES * count - held
+        coarse = COARSE_BYTES * count <= left
         if coarse:
-            left -= _COARSE_BYTES * count
+            left -= COARSE_BYTES * count
         needed = [
-            max(_OTHER_BYTES * len(other.state), other.state.nbytes + other.table.nbytes) for other in others
+            max(OTHER_BYTES * len(other.state), other.state.nbytes + other.table.nbytes) for other in others
         ]
-        while others and (len(others) >= _MAX_LIGHTS or sum(needed) > left):
+        while others and (len(others) >= MAX_LIGHTS or sum(needed) > left):
             self._drop(others.pop(0))
             del needed[0]
         for other in others:
             self._put_out(other)
             other.table.most_copies = 1
         left -= sum(needed)
-        light.table.most_copies = min(_MOST_COPIES, _LEAST_COPIES + left // max(1, _COPY_BYTES * count))
+        light.table.most_copies = min(_MOST_COPIES, LEAST_COPIES + left // max(1, COPY_BYTES * count))
         if coarse and not len(light.coarse):
             light.coarse = np.empty((count, 4), np.float32)
 
@@ -505,53 +509,10 @@ class TextureCache:
         return found
 
 
-def bytes_for(textures: int, texels: int, particles: int, components: int = 0) -> int:
-    """Return the least budget with which a cache has a capacity of so many textures of one light key.
-
-    Parameters
-    ----------
-    textures
-        At least 1.
-    texels
-        Rows and columns of a texture.
-    particles
-        In the scene.
-    components
-        See :class:`TextureCache`.
-    """
-    each, fixed = texels * texels, 0
-    if components:
-        compressor = Compressor(texels, components)
-        each, fixed = compressor.record_bytes, compressor.most_bytes
-    low, high = 0, 1
-    while _capacity(high, each, particles) < textures:
-        low, high = high, 2 * high
-    while high - low > 1:
-        middle = (low + high) // 2
-        if _capacity(middle, each, particles) < textures:
-            low = middle
-        else:
-            high = middle
-    return fixed + high
-
-
 def _usual_shards() -> int:
     """Enough that threads seldom wait for each other; every one costs something at every sighting, however little there is to do."""
     threads = min(thread_count(None), _MOST_SHARDS)
     return 1 << (threads - 1).bit_length()
-
-
-def _set_aside(max_bytes: int, particles: int) -> int:
-    return max(_LIGHT_BYTES * particles, min(max_bytes // 4, _ALL_BYTES * particles))
-
-
-def _slot_count(max_bytes: int, texture_bytes: int, particles: int) -> int:
-    left = max_bytes - _set_aside(max_bytes, particles)
-    return min(max(0, left) // (texture_bytes + SLOT_BYTES), 2**31 - 1)
-
-
-def _capacity(max_bytes: int, texture_bytes: int, particles: int) -> int:
-    return kept_slots(_slot_count(max_bytes, texture_bytes, particles))
 
 
 @lru_cache(maxsize=4)

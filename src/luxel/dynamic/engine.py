@@ -11,7 +11,6 @@ import queue
 import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -20,12 +19,13 @@ from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.desk import Desk, Kind
 from luxel.dynamic.entries import Entries
 from luxel.dynamic.pace import Cost
+from luxel.dynamic.preparing import TEXTURES, Preparing, waiting
 from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
 from luxel.dynamic.shares import Helpers
 from luxel.dynamic.sightings import Ids, Measure, Sighting
 from luxel.dynamic.threads import end_threads, start_threads
 from luxel.dynamic.work import CoarseListener, Listener, MakeBakers
-from luxel.dynamic.workshop import Workshop, Workshops
+from luxel.dynamic.workshop import Workshop
 from luxel.errors import SessionClosedError
 from luxel.textures.textures import Encoding
 
@@ -43,8 +43,6 @@ _PIECE_S, _FEW_THREADS = 0.03, 4
 _LAST_PIECE = 1.5
 _PATIENCE_S = 2.0
 _OLDEST_EVERY = 4  # of so many pieces of work, one goes to the requests that have waited longest
-_MAX_ATTEMPTS = 2  # to make or to prepare a baker
-_TEXTURES = (Kind.FIRST_TEXTURE, Kind.REFINEMENT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +111,8 @@ class Engine:
         self._lock = threading.Lock()  # what follows is for those who work
         self._idle = threading.Condition(self._lock)
         self._baking = Baking(cache, clock, self._lock)
+        self._preparing = Preparing(self._baking, clock, threads)
         self._threads: list[threading.Thread] = []
-        self._workshops = Workshops()
-        self._building: set[str] = set()
-        self._attempts: Counter[tuple[str, int]] = (
-            Counter()
-        )  # at a baker under 0, at its preparation under its grade
         self._busy = 0
         self._turn = 0
         self._since_oldest = 0  # pieces since one went to those that have waited longest
@@ -174,7 +168,7 @@ class Engine:
             self._lit = _Lit(light, make_bakers)
             self._baking.light = light
             self._baking.error = None
-            self._attempts.clear()
+            self._preparing.begin_anew()
             self._baking.failures.clear()
             for desk in self._baking.desks:
                 desk.select(light)
@@ -405,8 +399,7 @@ class Engine:
             lit = self._lit
             if lit is None:
                 return None
-            key = lit.light.key
-            shop = self._workshops.get(key)
+            shop = self._preparing.shop(lit.light.key)
             careful = not math.isinf(left_s)
             handling_s = self._handling.each_s if careful else 0.0
             left_s -= handling_s
@@ -434,15 +427,15 @@ class Engine:
                     most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
                     job = self._take_known(lit, shop, most, turn, helpers, end_s)
             elif shop is None:
-                job = self._take_build(lit, now_s)
+                job = self._preparing.take_build(lit.light, lit.make, now_s)
             else:
                 most = {kind: count for kind, count in most.items() if shop.is_ready(kind)}
                 if oldest and self._is_overdue(shop, now_s):
-                    job = self._take_preparation(lit, shop, now_s, limit_s)
+                    job = self._preparing.take_preparation(lit.light, shop, now_s, limit_s)
                 if job is None:
                     job = self._take_piece(lit, shop, now_s, most, turn, oldest, helpers, end_s)
                 if job is None:
-                    job = self._take_preparation(lit, shop, now_s, limit_s)
+                    job = self._preparing.take_preparation(lit.light, shop, now_s, limit_s)
         finally:
             if job is None:
                 with self._lock:
@@ -504,89 +497,17 @@ class Engine:
 
     def _is_overdue(self, shop: Workshop, now_s: float) -> bool:
         """Whether some request has waited long for preparation, since ever new particles want first light."""
-        kinds = [kind for kind in _TEXTURES if not shop.is_ready(kind)]
+        kinds = [kind for kind in TEXTURES if not shop.is_ready(kind)]
         return bool(kinds) and any(
             since_s < now_s - _PATIENCE_S
             for desk in self._baking.desks
             for since_s in desk.oldest_s(kinds, now_s).values()
         )
 
-    def _take_build(self, lit: _Lit, now_s: float) -> Job | None:
-        key = lit.light.key
-        if not self._waiting(now_s):
-            return None
-        with self._lock:
-            if key in self._building or self._workshops.get(key) is not None:
-                return None
-            if self._attempts[key, 0] >= _MAX_ATTEMPTS:  # given up since it was looked who waits
-                return None
-            self._building.add(key)
-        return functools.partial(self._build, lit)
-
-    def _take_preparation(self, lit: _Lit, shop: Workshop, now_s: float, limit_s: float) -> Job | None:
-        if all(shop.is_ready(kind) for kind in _TEXTURES):
-            return None
-        waiting = self._waiting(now_s)
-        with self._lock:
-            kind = next((kind for kind in _TEXTURES if waiting[kind] and not shop.is_ready(kind)), None)
-            if kind is None or shop.preparing:
-                return None
-            shop.preparing = True
-        return functools.partial(self._prepare, lit.light, shop, kind, limit_s)
-
-    def _waiting(self, now_s: float) -> Counter[Kind]:
-        total: Counter[Kind] = Counter()
-        for desk in self._baking.desks:
-            total.update({kind: count for kind, count in desk.waiting(now_s).items() if count})
-        return total
-
-    def _build(self, lit: _Lit) -> None:
-        key = lit.light.key
-        try:
-            bakers = lit.make()
-        except Exception as error:
-            log.exception("no baker for light key %s", key)
-            self._baker_failed(lit.light, 0, tuple(Kind), error)
-            with self._lock:  # only now: another thread would try before this failure counts
-                self._building.discard(key)
-        else:
-            with self._lock:
-                self._building.discard(key)
-                self._workshops.put(key, bakers)
-
-    def _prepare(self, light: Entries, shop: Workshop, kind: Kind, limit_s: float) -> None:
-        threads = max(1, self.thread_count)
-        end_s = self._clock() + limit_s if self.thread_count == 0 else math.inf
-        try:
-            for _ in shop.preparation(kind, threads):
-                if self._clock() >= end_s:
-                    with self._lock:
-                        shop.preparing = False
-                    return
-        except Exception as error:
-            log.exception("the baker of light key %s is not ready for textures", light.key)
-            with self._lock:
-                shop.failed(kind)
-                shop.preparing = False
-            kinds = tuple(each for each in _TEXTURES if shop.grade(each) == shop.grade(kind))
-            self._baker_failed(light, shop.grade(kind), kinds, error)
-        else:
-            with self._lock:
-                shop.prepared(kind)
-                shop.preparing = False
-
-    def _baker_failed(self, light: Entries, grade: int, kinds: tuple[Kind, ...], error: Exception) -> None:
-        with self._lock:
-            self._baking.report(light, error)
-            self._attempts[light.key, grade] += 1
-            hopeless = self._attempts[light.key, grade] >= _MAX_ATTEMPTS
-        if hopeless:
-            self._baking.give_up(light, kinds)
-
     # What follows runs under the lock.
 
     def _at_rest(self) -> bool:
-        return not self._busy and not self._waiting(self._clock())
+        return not self._busy and not waiting(self._baking.desks, self._clock())
 
     def _notify_if_idle(self) -> None:
         if not self._busy:

@@ -8,13 +8,12 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from types import TracebackType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels.seen import count_slots
 from luxel.kernels.tone import develop_rows
 from luxel.light.lights import pack_lights
 from luxel.particles import Particles
@@ -22,7 +21,6 @@ from luxel.picture.drawing import (
     NO_PICTURE,
     Crew,
     bare_table,
-    blank_tiles,
     checked_size,
     draw_rays,
     id_at,
@@ -34,7 +32,8 @@ from luxel.picture.drawing import (
 )
 from luxel.picture.image import Image
 from luxel.picture.lit import Bare, Lit, Still, lit_now
-from luxel.picture.seen import SeenMarks
+from luxel.picture.passes import Pass, Passes
+from luxel.picture.sight import Sight
 from luxel.scene.camera import Camera
 from luxel.scene.scene import Scene
 from luxel.scene.view import View
@@ -46,15 +45,12 @@ __all__ = ["Frame", "Frames"]
 Shading = Literal["textures", "lambertian", "shadows"]
 
 _SHADINGS = ("textures", "lambertian", "shadows")
-# Requests of a client that keeps looking elsewhere lapse after two seconds; one that rests repeats itself sooner.
-_TELL_AGAIN_S = 0.5
 _PAUSE_S = 0.1  # between looks for new light, where nobody tells of it
-# At rest, what computes light gets so many times what drawing takes, as long as light has come within so many seconds.
-_LIGHT_SHARE, _LIGHT_COMES_S = 4.0, 0.5
+# At rest, what computes light gets so many times what drawing takes, up to a second, as long as light has come within so many seconds.
+_LIGHT_SHARE, _LONGEST_PAUSE_S, _LIGHT_COMES_S = 6.0, 1.0, 0.5
 _FEW_THREADS = 4  # with so many, each takes pieces of work of its own
 _OWN_REFERENCES = 3  # the list's, the loop's, the call's
 _NOT_COLORS = frozenset({"camera", "hide", "exposure", "background", "up"})
-_NO_IDS: NDArray[np.int32] = np.empty(0, np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,28 +81,6 @@ class Frame:
     def image(self) -> Image:
         """Return it as an image that can be saved."""
         return Image(self.pixels)
-
-
-class _Sums(NamedTuple):
-    """What rays add up to, see ``kernels.frame``."""
-
-    total: NDArray[np.float32]
-    blank: NDArray[np.uint8]
-
-    @classmethod
-    def of(cls, width: int, height: int) -> _Sums:
-        return cls(np.zeros((height, width, 5), np.float32), blank_tiles(width, height))
-
-
-@dataclass(eq=False)
-class _Pass:
-    """A picture that grows, ray by ray."""
-
-    sums: _Sums
-    moving: bool  # a single ray through the middle of each pixel
-    want: int  # rays a pixel before it replaces what is shown
-    count: int = 0
-    pure: bool = True  # all of it under the same light and with the same colours
 
 
 class Frames:
@@ -206,25 +180,18 @@ class Frames:
         self._lights: Any = None
         self._tree: Any = None
         self._eye: Any = None
+        self._place: NDArray[np.float64] = np.zeros(3)  # where the eye is, in file units
         self._tone: Any = None
         self._colors: NDArray[np.float32] = np.empty((0, 3), np.float32)
         self._bare: TextureTable | None = None
-        self._seen = SeenMarks(0, self._crew.threads)
-        self._found = _NO_IDS
-        self._count = 0  # of particles seen since the camera moved: those first in `found`
-        self._lit = (0, 0, 0)  # of them
+        self._sight = Sight(self._crew.threads)
+        self._passes = Passes(antialias**2)
         self._before = ""  # key of the light that is shown where there is none yet
         self._lit_by: tuple[str, Particles | None] = ("", None)
-        self._digest = 0  # of their slots
-        self._told = ("", 0)  # light key, and how many of them the source was told
-        self._told_s = -np.inf
         self._owed: Callable[[], None] | None = None  # tells what the last frame saw
         self._flies = False  # the camera moved before the last frame
         self._light_came_s = -np.inf
         self._pause_s = 0.0
-        self._shown: _Pass | None = None
-        self._growing: _Pass | None = None  # will replace it
-        self._spare: _Sums | None = None
         self._pictures: list[NDArray[np.uint8]] = []
         self._frame: Frame | None = None
         self._drew = False
@@ -263,7 +230,7 @@ class Frames:
         """
         if view is not None:
             self.view = view
-        begun_s, lit = self._clock(), self._lit
+        begun_s, lit = self._clock(), self._sight.lit
         # Before the light is looked at. It is asked only when nothing else is left to do: counting is work, and frames leave that to others.
         waiting = not self._rested or self._waiting()
         scene, source, now = self._look()
@@ -274,34 +241,37 @@ class Frames:
         except BaseException:
             self._made_of.clear()  # what has moved has not been drawn
             raise
+        sight = self._sight
         if moved:
-            self._forget(len(scene.particles))
-        elif count_slots(self._found[: self._count], table.slot)[-1] != self._digest:
+            sight.forget(len(scene.particles))
+        elif sight.changes(table):
             changed = True
         owed, self._owed = self._owed, None
-        told = self._told == (source.key, self._count)
-        drawn = self._next_pass(moved, changed)
+        told = sight.is_told(source)
+        drawn = self._passes.next(self.size, moved=moved, changed=changed)
         self._rested = drawn is None
         picture = None
         if drawn is not None:
             picture = self._add_ray(drawn, table, owed)
         elif owed is not None:
             owed()
-        if drawn is not None or changed:
-            self._gather(table)
+        if self.shading == "textures" and (drawn is not None or changed):
+            sight.gather(table)
         if moved and self._flies:
             # There is a next frame, and it will not see the same: others can draw it while this is told and taken in.
-            self._owed = self._telling(source, scene, take_in=self.bake_budget_s > 0)
+            self._owed = sight.telling(
+                source, self._place, self.target.take_in if self.bake_budget_s > 0 else None
+            )
         else:
-            self._tell(source, scene)
+            sight.tell(source, self._place, self._clock())
         self._flies = moved
         if picture is None and (toned or self._frame is None):
             picture = self._developed()
         rests = told and drawn is None and not waiting
         if rests:
             self._before = ""  # nothing better comes: what is still shown under another light goes without
-        self._keep(picture, final=rests and not self._lit[2])
-        self._pause_s = self._pause_after(begun_s, light_came=not moved and self._lit != lit)
+        self._keep(picture, final=rests and not sight.lit[2])
+        self._pause_s = self._pause_after(begun_s, light_came=not moved and sight.lit != lit)
         if self.bake_budget_s > 0:
             self._bake_for_a_while()
         assert self._frame is not None
@@ -312,11 +282,11 @@ class Frames:
         now_s = self._clock()
         if light_came:
             self._light_came_s = now_s
-        grows = self._shown is not None and not self._shown.moving
-        dark = self._lit[0] < self._count
+        grows = self._passes.shown is not None and not self._passes.shown.moving
+        dark = self._sight.lit[0] < self._sight.count
         if not (grows and dark and self._drew and now_s - self._light_came_s < _LIGHT_COMES_S):
             return 0.0
-        return _LIGHT_SHARE * (now_s - begun_s)
+        return min(_LONGEST_PAUSE_S, _LIGHT_SHARE * (now_s - begun_s))
 
     def _bake_for_a_while(self) -> None:
         """Spend the budget. A few threads each take pieces of their own, which hides what taking costs; many would queue for it."""
@@ -404,14 +374,14 @@ class Frames:
         """Return the textures of the light before the last change, while some may be shown; not those of other particles."""
         key, particles = self._lit_by
         if key != source.key:
-            ready, _, stale = self._lit
+            ready, _, stale = self._sight.lit
             textured = self.shading == "textures" and scene.model != "lambertian"
             if scene.particles is not particles or not textured:
                 self._before = ""
             elif ready >= stale:  # else the light before that still shows more
                 self._before = key
             self._lit_by = source.key, scene.particles
-        elif self._count and not any(self._lit[1:]) and self._lit[0] == self._count:
+        elif self._sight.count and self._sight.lit == (self._sight.count, 0, 0):
             self._before = ""  # all that is in sight has been replaced
         return source.snapshot(self._before) if self._before else None
 
@@ -451,6 +421,7 @@ class Frames:
         if differs("tree", particles, scene.conditions, view.conditions):
             self._tree, moved = seen_tree(scene, view).arrays, True
         camera = view.camera_for(particles, self.size)
+        self._place = np.asarray(camera.eye, np.float64)
         if differs("eye", particles, self.size, *_numbers_of(camera)):
             self._eye, moved = make_eye(camera, SphereSet.of(particles), width / height), True
         changed = differs("light", scene, key, self.shading, self.shadows, self.filtered)
@@ -464,46 +435,8 @@ class Frames:
             self._tone = make_tone(scene, view, self.grading)
         return moved, changed, toned
 
-    def _forget(self, count: int) -> None:
-        """Forget what was seen: the camera has moved."""
-        if len(self._found) != count:
-            self._seen, self._found = SeenMarks(count, self._crew.threads), np.empty(count, np.int32)
-        else:
-            self._seen.clear()
-        self._count, self._told = 0, ("", 0)
-        self._digest, self._lit = 0, (0, 0, 0)
-
-    def _next_pass(self, moved: bool, changed: bool) -> _Pass | None:
-        """Return what gets the next ray; None if the picture is complete."""
-        most = len(self._shifts)
-        if moved or self._shown is None:
-            if self._growing is not None:
-                self._spare, self._growing = self._growing.sums, None
-            self._shown = self._begin(None if self._shown is None else self._shown.sums, True, 1)
-            return self._shown
-        shown = self._shown
-        if self._growing is None:
-            if changed:
-                shown.pure = False
-            if not shown.pure or (shown.moving and most > 1):
-                sums, self._spare = self._spare, None
-                # As good as what it replaces, or half the rays: new light must not wait for all of them.
-                want = 1 if most == 1 else (most + 1) // 2
-                self._growing = self._begin(sums, most == 1, want)
-            elif shown.count < (1 if shown.moving else most):
-                return shown
-        elif changed and self._growing.count:
-            self._growing.pure = False
-        return self._growing
-
-    def _begin(self, sums: _Sums | None, moving: bool, want: int) -> _Pass:
-        width, height = self.size
-        if sums is None or sums.total.shape[:2] != (height, width):
-            sums = _Sums.of(width, height)
-        return _Pass(sums, moving, want)
-
     def _add_ray(
-        self, current: _Pass, table: TextureTable, meanwhile: Callable[[], None] | None
+        self, current: Pass, table: TextureTable, meanwhile: Callable[[], None] | None
     ) -> NDArray[np.uint8] | None:
         """Send one ray through every pixel; return the picture, if this changes what is shown."""
         shift = (0.5, 0.5) if current.moving else self._shifts[current.count]
@@ -523,50 +456,20 @@ class Frames:
             shadows=self.shadows if textured else self.shading == "shadows",
             first=current.count == 1,
             blank=current.sums.blank,
-            seen=self._seen if textured else None,
+            seen=self._sight.marks if textured else None,
             rays=current.count,
             tone=self._tone,
             picture=NO_PICTURE if picture is None else picture,
             meanwhile=meanwhile,
         )
-        if picture is not None and current is self._growing:
-            assert self._shown is not None
-            self._spare, self._shown, self._growing = self._shown.sums, current, None
+        self._passes.drawn(current)
         return picture
-
-    def _gather(self, table: TextureTable) -> None:
-        """List what has been seen since the camera moved, and count what has light."""
-        if self.shading == "textures":
-            self._count = self._seen.list_into(self._found, table.slot)
-            *lit, self._digest = count_slots(self._found[: self._count], table.slot)
-            self._lit = lit[0], lit[1], lit[2]
-
-    def _tell(self, source: TextureSource, scene: Scene) -> None:
-        """Tell the source what is seen: when there is more of it, and now and then, so that requests do not lapse."""
-        now_s, now = self._clock(), (source.key, self._count)
-        if self._told == now and now_s - self._told_s < _TELL_AGAIN_S:
-            return
-        self._telling(source, scene)()
-        self._told, self._told_s = now, now_s
-
-    def _telling(self, source: TextureSource, scene: Scene, *, take_in: bool = False) -> Callable[[], None]:
-        """Return what tells the source what is seen, and has it taken in, as long as nobody lists that again."""
-        ids = self._found[: self._count]
-        eye = np.asarray(self.view.camera_for(scene.particles, self.size).eye, np.float64)
-
-        def tell() -> None:
-            if len(ids):
-                source.sighted(ids, eye)
-                if take_in:
-                    self.target.take_in()
-
-        return tell
 
     def _developed(self) -> NDArray[np.uint8]:
         """Return the picture of what is shown under the present tone."""
-        assert self._shown is not None
+        assert self._passes.shown is not None
         picture = self._canvas()
-        develop_rows(*self._shown.sums, self._shown.count, self._tone, 0, len(picture), picture)
+        develop_rows(*self._passes.shown.sums, self._passes.shown.count, self._tone, 0, len(picture), picture)
         return picture
 
     def _canvas(self) -> NDArray[np.uint8]:
@@ -581,19 +484,19 @@ class Frames:
 
     def _keep(self, picture: NDArray[np.uint8] | None, *, final: bool) -> None:
         """Make the frame, unless it would be the last one again."""
-        assert self._shown is not None
+        assert self._passes.shown is not None
         last = self._frame
-        self._drew = picture is not None or self._growing is not None
+        self._drew = picture is not None or self._passes.growing is not None
         if picture is None:
             assert last is not None
             if (last.visible, last.ready, last.dim, last.stale, last.final) == (
-                self._count,
-                *self._lit,
+                self._sight.count,
+                *self._sight.lit,
                 final,
             ):
                 return
             picture = last.pixels
-        self._frame = Frame(picture, self._shown.count, self._count, *self._lit, final)
+        self._frame = Frame(picture, self._passes.shown.count, self._sight.count, *self._sight.lit, final)
 
 
 def _numbers_of(camera: Camera) -> tuple[object, ...]:
