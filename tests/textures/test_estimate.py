@@ -33,27 +33,31 @@ def test_interpolation_to_as_many_texels_changes_nothing():
     assert (weights == np.array([1, 0, 0, 0])[:, None]).all()
 
 
+@pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("mode", ["fast", "paper"])
-def test_an_estimate_does_not_depend_on_its_batch(mode):
+def test_an_estimate_does_not_depend_on_its_batch(mode, whole):
     baker = Baker(luxel.Scene(heap()), TextureSpec(texels=16, samples=4, mode=mode))
-    estimates = EstimateBaker(baker)
+    estimates = EstimateBaker(baker, whole=whole)
     for _ in estimates.preparation(1):
         pass
     ids = np.arange(0, 90, 3, dtype=np.int32)
-    whole = np.empty((len(ids), 16, 16), np.uint8)
-    estimates.bake_into(ids, whole)
+    together = np.empty((len(ids), 16, 16), np.uint8)
+    estimates.bake_into(ids, together)
     for k in (0, 7, 29):
         one = np.empty((1, 16, 16), np.uint8)
         estimates.bake_into(ids[k : k + 1], one)
-        assert (one[0] == whole[k]).all()
+        assert (one[0] == together[k]).all()
 
 
-def test_what_comes_after_an_estimate_is_the_texture_of_a_bake():
+@pytest.mark.parametrize(
+    ("estimates", "mode", "samples"), [(True, "fast", 4), (None, "fast", 4), (None, "paper", 9)]
+)
+def test_what_comes_after_an_estimate_is_the_texture_of_a_bake(estimates, mode, samples):
     """With level of detail off nothing of estimates is left in the end."""
     particles = heap(60)
-    spec = TextureSpec(texels=8, samples=4, mode="fast")
-    expected = luxel.bake(luxel.Scene(particles), texels=8, samples=4, mode="fast", threads=1)
-    with Session(particles, spec=spec, threads=0, estimates=True) as session:
+    spec = TextureSpec(texels=8, samples=samples, mode=mode)
+    expected = luxel.bake(luxel.Scene(particles), texels=8, samples=samples, mode=mode, threads=1)
+    with Session(particles, spec=spec, threads=0, estimates=estimates) as session:
         heard: list[tuple[int, bool]] = []
         session.subscribe(lambda batch: heard.extend(zip(batch.ids.tolist(), batch.estimate, strict=True)))
         session.sighted(range(60), (9, 9, 9))
@@ -63,6 +67,27 @@ def test_what_comes_after_an_estimate_is_the_texture_of_a_bake():
     assert sorted(each for each, estimate in heard if not estimate) == list(range(60))
     assert not batch.estimate.any()
     assert (batch.codes == expected.codes[batch.ids]).all()
+
+
+@pytest.mark.parametrize(("estimates", "samples"), [(None, 1), (False, 4)])
+def test_textures_that_come_soon_have_no_estimates(estimates, samples):
+    spec = TextureSpec(texels=8, samples=samples, mode="fast")
+    with Session(heap(60), spec=spec, threads=0, estimates=estimates) as session:
+        heard: list[bool] = []
+        session.subscribe(lambda batch: heard.extend(batch.estimate.tolist()))
+        session.sighted(range(60), (9, 9, 9))
+        assert session.wait()
+    assert heard == [False] * 60
+
+
+def test_a_first_sample_of_all_texels_is_the_default_texture():
+    scene = luxel.Scene(heap(60))
+    ids = np.arange(60, dtype=np.int32)
+    first = EstimateBaker(Baker(scene, TextureSpec(mode="fast", samples=9)), whole=True)
+    codes = np.empty((60, 16, 16), np.uint8)
+    first.bake_into(ids, codes)
+    expected = luxel.bake(scene, samples=1, mode="fast", threads=1)
+    np.testing.assert_array_equal(codes, expected.codes)
 
 
 def test_small_particles_are_content_with_estimates_until_they_grow():

@@ -31,7 +31,7 @@ from luxel.scene.scene import Model, Scene
 from luxel.session.status import Status
 from luxel.session.textures import SessionTextures
 from luxel.textures.bake import Baker
-from luxel.textures.estimate import EstimateBaker
+from luxel.textures.estimate import EstimateBaker, takes_long
 from luxel.textures.spec import TextureSpec, light_key
 from luxel.textures.store.reader import Baked, BakedFrame
 from luxel.textures.store.source import StoredBaker
@@ -91,7 +91,8 @@ class Session:
         Keep textures compressed, as so many principal components of a byte each, learnt from those that come, so that many more find room; 8 is a good number. 0
         keeps them as they are made.
     estimates
-        Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) come before those of `spec`.
+        Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) of a quarter of the texels come before those of `spec`. None: where those take
+        long, such as four samples or the 49 of ``paper`` mode, some of all texels and one ``fast`` sample do.
         Those that are visible are replaced as long as some client keeps sighting them.
     small_pixels
         With estimates: a particle narrower than this on every screen, as far as clients tell, gets nothing better. 0 for none.
@@ -132,7 +133,7 @@ class Session:
         bake_budget_s: float = 0.0,
         max_bytes: int = 256 << 20,
         components: int = 0,
-        estimates: bool = False,
+        estimates: bool | None = None,
         small_pixels: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
         make_baker: MakeBaker | None = None,
@@ -548,7 +549,10 @@ class Session:
         if self._baked is not None:
             return Bakers(StoredBaker(self._baked[frame]))
         baker = self._make_baker(scene, self.spec)
-        return Bakers(baker, EstimateBaker(baker) if self._estimates and isinstance(baker, Baker) else None)
+        wanted = takes_long(self.spec) if self._estimates is None else self._estimates
+        if not wanted or not isinstance(baker, Baker):
+            return Bakers(baker)
+        return Bakers(baker, EstimateBaker(baker, whole=self._estimates is None))
 
 
 def _first_frame(series: Sequence[Particles]) -> int:

@@ -9,15 +9,18 @@ from numpy.typing import NDArray
 
 from luxel.light.mapping import texel_weights
 from luxel.textures.bake import Baker
+from luxel.textures.spec import Mode, TextureSpec
 from luxel.textures.textures import encode
 
-__all__ = ["EstimateBaker"]
+__all__ = ["EstimateBaker", "takes_long"]
 
 _TEXELS, _SAMPLES = 8, 1
+# From so many samples on, a texture takes at least two and a half times as long as one of a single ``fast`` sample.
+_MANY_SAMPLES: dict[Mode, int] = {"fast": 4, "paper": 9}
 
 
 class EstimateBaker:
-    """Makes textures of the shape, scale and encoding of `baker`'s from a quarter of the texels, a sample each, filtered and interpolated.
+    """Makes textures of the shape, scale and encoding of `baker`'s from a sample a texel, or a quarter of the texels, filtered and interpolated.
 
     Whatever the mode of the baker, these are ``fast``. Safe to share between threads; what a texture becomes depends on its particle alone.
 
@@ -25,17 +28,23 @@ class EstimateBaker:
     ----------
     baker
         Whose textures are estimated; its world and coarse records are shared.
+    whole
+        Sample all texels instead of a quarter of them.
     """
 
-    def __init__(self, baker: Baker) -> None:
+    def __init__(self, baker: Baker, *, whole: bool = False) -> None:
         self._baker = baker
         texels = baker.spec.texels
-        self._light = baker.coarser_light(min(_TEXELS, texels), _SAMPLES)
-        self._places, self._weights = texel_weights(baker.spec.mapping, min(_TEXELS, texels), texels)
+        sampled = texels if whole else min(_TEXELS, texels)
+        self._light = baker.coarser_light(sampled, _SAMPLES)
+        self._whole = sampled == texels
+        self._places, self._weights = texel_weights(baker.spec.mapping, sampled, texels)
 
     def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (K, T, T) luminance and (K,) the standard error expected of an exposed texel, but for what few texels blur."""
         found, error = self._light.luminance(ids)
+        if self._whole:
+            return found, error
         flat = found.reshape(len(ids), -1)
         # Texel by texel, so that a texture does not depend on its batch by rounding.
         total = flat[:, self._places[0]] * self._weights[0]
@@ -56,3 +65,8 @@ class EstimateBaker:
     def preparation(self, threads: int) -> Iterator[None]:
         """Learn the filter, with one thread in short steps."""
         yield from self._light.preparation(threads)
+
+
+def takes_long(spec: TextureSpec) -> bool:
+    """Whether textures take so long that it is worth to show some of a single sample first."""
+    return spec.samples >= _MANY_SAMPLES[spec.mode]
