@@ -150,6 +150,26 @@ def test_a_camera_at_rest_leaves_the_processors_to_light_that_comes():
         assert frames.pause_s == 0.0  # a flying camera waits for nothing
 
 
+def test_a_camera_at_rest_leaves_the_processors_to_refinements_too():
+    ticks = iter(np.arange(0.0, 1e3, 1 / 64))
+    particles = cloud(80)
+    spec = TextureSpec(texels=8, samples=4, mode="fast")
+    with (
+        Session(particles, spec=spec, threads=0) as session,
+        Frames(session, size=SIZE, threads=1, antialias=2, clock=lambda: float(next(ticks))) as frames,
+    ):
+        refining = []
+        for _ in range(2000):
+            session.run_for(1e-9)
+            frame = frames.draw()
+            if frame.ready == frame.visible and not frame.final:
+                refining.append(frames.pause_s)
+            if frame.final:
+                break
+    assert frame.final
+    assert sum(pause > 0 for pause in refining) > 5
+
+
 def test_rays_add_up_while_the_camera_rests_and_start_anew_when_it_moves():
     scene = luxel.Scene(cloud(80))
     view = luxel.View()

@@ -230,7 +230,7 @@ class Frames:
         """
         if view is not None:
             self.view = view
-        begun_s, lit = self._clock(), self._sight.lit
+        begun_s = self._clock()
         # Before the light is looked at. It is asked only when nothing else is left to do: counting is work, and frames leave that to others.
         waiting = not self._rested or self._waiting()
         scene, source, now = self._look()
@@ -242,9 +242,10 @@ class Frames:
             self._made_of.clear()  # what has moved has not been drawn
             raise
         sight = self._sight
+        light_came = not moved and sight.changes(table)
         if moved:
             sight.forget(len(scene.particles))
-        elif sight.changes(table):
+        elif light_came:
             changed = True
         owed, self._owed = self._owed, None
         told = sight.is_told(source)
@@ -271,7 +272,7 @@ class Frames:
         if rests:
             self._before = ""  # nothing better comes: what is still shown under another light goes without
         self._keep(picture, final=rests and not sight.lit[2])
-        self._pause_s = self._pause_after(begun_s, light_came=not moved and sight.lit != lit)
+        self._pause_s = self._pause_after(begun_s, light_came=light_came)
         if self.bake_budget_s > 0:
             self._bake_for_a_while()
         assert self._frame is not None
@@ -283,8 +284,7 @@ class Frames:
         if light_came:
             self._light_came_s = now_s
         grows = self._passes.shown is not None and not self._passes.shown.moving
-        dark = self._sight.lit[0] < self._sight.count
-        if not (grows and dark and self._drew and now_s - self._light_came_s < _LIGHT_COMES_S):
+        if not (grows and self._drew and now_s - self._light_came_s < _LIGHT_COMES_S):
             return 0.0
         return min(_LONGEST_PAUSE_S, _LIGHT_SHARE * (now_s - begun_s))
 
