@@ -12,11 +12,12 @@ figure8: efficiency over threads, at 512² and 1024².
 "dedicated": half of the threads draw and half bake, while requests wait; frames a second over t/2 times those of one thread alone, textures
 over t/2 times a plain bake's on one thread.
 "callback": every thread draws, then bakes, while requests wait, rate(t) / (t · rate(1)). The budget is 33 ms over t, so that a frame holds the same
-work whatever t is.
+work whatever t is; and any t begins anew once it has made the textures that one thread has time for, since the nearest, which come first, cost least.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from time import perf_counter, sleep
@@ -90,19 +91,23 @@ class _Stand:
             done += len(lot)
         return done / took
 
-    def both(self, draw: int, bake: int, budget_s: float, for_s: float) -> tuple[float, float]:
-        """Frames and textures a second while requests wait, over as many empty caches as it takes."""
+    def both(
+        self, draw: int, bake: int, budget_s: float, for_s: float, most: float = math.inf
+    ) -> tuple[float, float]:
+        """Frames and textures a second while requests wait, over as many empty caches as it takes, of each the first `most` textures."""
         drawn = done = 0
         took = 0.0
         for _ in range(50):
-            frames, textures, seconds = self._once(draw, bake, budget_s, for_s - took)
+            frames, textures, seconds = self._once(draw, bake, budget_s, for_s - took, most)
             drawn, done, took = drawn + frames, done + textures, took + seconds
             if took >= 0.9 * for_s:
                 break
         return drawn / took, done / took
 
-    def _once(self, draw: int, bake: int, budget_s: float, most_s: float) -> tuple[int, int, float]:
-        """Draw and bake from the first textures on, up to the last or for `most_s` seconds; return frames, textures, seconds."""
+    def _once(
+        self, draw: int, bake: int, budget_s: float, most_s: float, most: float
+    ) -> tuple[int, int, float]:
+        """Draw and bake from the first textures on, up to the last or for `most` of them or `most_s` seconds; return frames, textures, seconds."""
         done = 0
 
         def count(batch: Any) -> None:
@@ -136,7 +141,7 @@ class _Stand:
                 frame = frames.draw()
                 drawn += 1
                 took = perf_counter() - start
-                if took >= most_s or frame.ready == frame.visible:
+                if took >= most_s or done >= most or frame.ready == frame.visible:
                     leave()
                     return drawn, done, took
 
@@ -251,7 +256,11 @@ def figure8(sets: list[DataSet], quick: bool, threads: int) -> Rows:
         stand = _Stand.of(sets[0], side, threads)
         found: dict[int, list[tuple[float, ...]]] = {count: [] for count in counts}
         for _ in range(2 if quick else 3):
+            most = math.inf
             for count in counts:  # in turn, so that a machine whose speed drifts hurts all alike
+                callback = stand.both(count, 0, _BUDGET_S / count, for_s, most)
+                if count == 1:
+                    most = callback[1] * for_s
                 found[count].append(
                     (
                         stand.frames_alone(count, for_s / 2),
@@ -261,7 +270,7 @@ def figure8(sets: list[DataSet], quick: bool, threads: int) -> Rows:
                             if count > 1
                             else (0.0, 0.0)
                         ),
-                        *stand.both(count, 0, _BUDGET_S / count, for_s),
+                        *callback,
                     )
                 )
         rates = {count: [max(each) for each in zip(*found[count], strict=True)] for count in counts}

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import luxel
+from luxel.app.warm import compile_ahead
+from luxel.kernels.jit import cold
 from luxel.picture.image import Image
 from luxel.session import Session
 from luxel.textures.spec import TextureSpec
@@ -26,6 +28,13 @@ def browser() -> Iterator[Browser]:
         pytest.skip("no Chromium found")
     with Browser() as opened:
         yield opened
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled() -> None:
+    """On a machine that has no kernels yet, those that all need are compiled on two cores, as by the first command there."""
+    if cold():
+        compile_ahead()
 
 
 @pytest.fixture(scope="session")

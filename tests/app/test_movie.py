@@ -14,12 +14,13 @@ import pytest
 from PIL import Image
 
 import luxel
-from luxel.app import cli, movie, movie_files
+from luxel.app import movie, movie_files
 from luxel.app.movie_path import orbited
 from luxel.errors import InputError
 from luxel.textures import growing
 from luxel.textures.spec import TextureSpec
 from luxel.textures.store.bake import bake_to
+from tests.app.command_line import refused, run
 from tests.scenes import cloud
 
 SIZE = (64, 48)
@@ -44,21 +45,6 @@ def series(tmp_path: Path) -> Path:
         value = particles.scalars["value"] * (k + 1)
         np.savez(folder / f"{k}.npz", positions=particles.positions, radii=particles.radii, value=value)
     return folder
-
-
-def run(*arguments: object) -> int:
-    return cli.main([str(argument) for argument in arguments])
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    try:
-        code = run("movie", *arguments)
-    except SystemExit as stop:  # argparse
-        code = int(stop.code or 0)
-    assert code == 2
-    err = capsys.readouterr().err
-    assert err.startswith("luxel: error: ")
-    return err
 
 
 def shown(folder: Path) -> list[np.ndarray]:
@@ -219,15 +205,16 @@ def test_pictures_of_another_movie_are_not_mixed_in(
     out = tmp_path / "out"
     options = ["--orbit", 360, "--seconds", 0.2, "--fps", 10, *FAST]
     assert run("movie", file, "-o", out, *options) == 0
+    capsys.readouterr()
     for changed in (["--orbit", 90], ["--exposure", 2], ["--sky", 2], ["--seed", 1], ["--antialias", 2]):
-        assert "another movie" in refused(capsys, file, "-o", out, *options, *changed)
+        assert "another movie" in refused(capsys, "movie", file, "-o", out, *options, *changed)
     particles = cloud(COUNT, seed=9)
     np.savez(file, positions=particles.positions, radii=particles.radii)
-    assert "another movie" in refused(capsys, file, "-o", out, *options)
+    assert "another movie" in refused(capsys, "movie", file, "-o", out, *options)
     other = tmp_path / "other"
     other.mkdir()
     (other / "notes.txt").write_text("mine")
-    assert "other files" in refused(capsys, file, "-o", other, *options)
+    assert "other files" in refused(capsys, "movie", file, "-o", other, *options)
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])
@@ -294,16 +281,16 @@ def test_mp4_says_what_it_needs(
     options = (file, "-o", out, "--orbit", 360, "--seconds", 0.2, "--fps", 10, *FAST)
     monkeypatch.delenv("LUXEL_FFMPEG", raising=False)
     monkeypatch.setenv("PATH", "")
-    said = refused(capsys, *options)
+    said = refused(capsys, "movie", *options)
     assert "install it" in said
     assert "folder of PNGs" in said
     monkeypatch.setenv("LUXEL_FFMPEG", str(ffmpeg(tmp_path, encoder="theora")))
-    assert "encoders" in refused(capsys, *options)
+    assert "encoders" in refused(capsys, "movie", *options)
     monkeypatch.setenv("LUXEL_FFMPEG", str(ffmpeg(tmp_path, fails=True)))
-    assert "no space left" in refused(capsys, *options)
-    assert "even" in refused(capsys, *options, "--size", "63x48")
+    assert "no space left" in refused(capsys, "movie", *options)
+    assert "even" in refused(capsys, "movie", *options, "--size", "63x48")
     monkeypatch.setenv("LUXEL_FFMPEG", str(tmp_path / "nowhere"))
-    assert "does not work" in refused(capsys, *options)
+    assert "does not work" in refused(capsys, "movie", *options)
     assert not [path for path in tmp_path.iterdir() if "mp4" in path.name]
 
 
@@ -317,22 +304,26 @@ def test_bad_input_is_told_before_any_work(
     monkeypatch.setattr(movie, "pictures", None)
     out = tmp_path / "out"
     orbit = ("--orbit", 360, *FAST)
-    assert "nothing moves" in refused(capsys, file, "-o", out)
-    assert "nothing moves" in refused(capsys, file, "-o", out, "--frames", "0")
-    assert "none of them" in refused(capsys, file, "-o", out, "--frames", "5:9")
-    assert "no movie format" in refused(capsys, file, "-o", tmp_path / "a.avi", *orbit)
-    assert "no directory" in refused(capsys, file, "-o", tmp_path / "no" / "a.gif", *orbit)
-    assert "no directory" in refused(capsys, file, "-o", tmp_path / "no" / "a", *orbit)
-    assert "too much" in refused(capsys, file, "-o", tmp_path / "a.gif", *orbit, "--size", "8000x8000")
-    assert "pictures a second" in refused(capsys, file, "-o", out, *orbit, "--fps", 0)
-    assert "seconds" in refused(capsys, file, "-o", out, *orbit, "--seconds", -1)
-    assert "lower" in refused(capsys, file, "-o", out, *orbit, "--seconds", 30_000, "--fps", 240)
-    assert "no scalar" in refused(capsys, file, "-o", out, *orbit, "--color-by", "nothing")
+    assert "nothing moves" in refused(capsys, "movie", file, "-o", out)
+    assert "nothing moves" in refused(capsys, "movie", file, "-o", out, "--frames", "0")
+    assert "none of them" in refused(capsys, "movie", file, "-o", out, "--frames", "5:9")
+    assert "no movie format" in refused(capsys, "movie", file, "-o", tmp_path / "a.avi", *orbit)
+    assert "no directory" in refused(capsys, "movie", file, "-o", tmp_path / "no" / "a.gif", *orbit)
+    assert "no directory" in refused(capsys, "movie", file, "-o", tmp_path / "no" / "a", *orbit)
+    assert "too much" in refused(
+        capsys, "movie", file, "-o", tmp_path / "a.gif", *orbit, "--size", "8000x8000"
+    )
+    assert "pictures a second" in refused(capsys, "movie", file, "-o", out, *orbit, "--fps", 0)
+    assert "seconds" in refused(capsys, "movie", file, "-o", out, *orbit, "--seconds", -1)
+    assert "lower" in refused(capsys, "movie", file, "-o", out, *orbit, "--seconds", 30_000, "--fps", 240)
+    assert "no scalar" in refused(capsys, "movie", file, "-o", out, *orbit, "--color-by", "nothing")
     first, last = views(tmp_path, {"frame": 0}, {"frame": 9})
-    assert "frame 9" in refused(capsys, f"{series}/*.npz", "-o", out, "--view", first, "--view", last)
+    assert "frame 9" in refused(
+        capsys, "movie", f"{series}/*.npz", "-o", out, "--view", first, "--view", last
+    )
     dim = views(tmp_path, {}, lighting=luxel.Lighting(albedo=0.2))[0].rename(tmp_path / "dim.json")
     bright = views(tmp_path, {}, lighting=luxel.Lighting())[0]
-    assert "one light" in refused(capsys, file, "-o", out, "--view", bright, "--view", dim)
+    assert "one light" in refused(capsys, "movie", file, "-o", out, "--view", bright, "--view", dim)
     assert not out.exists()
 
 

@@ -358,7 +358,8 @@ def test_another_bake_is_never_mixed_in(store, options, what):
     assert str(store) in message
     assert "--overwrite" in message
     assert hashes(store) == before
-    bake(store, **options, overwrite=True) if "particles" not in options else None
+    if not options.keys() & {"particles", "periodic"}:  # kernels for periodic cells take long to compile
+        bake(store, **options, overwrite=True)
 
 
 def test_only_scalars_differ(store):

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+from luxel.kernels.jit import warmed
+
 if TYPE_CHECKING:
     from luxel.scene.scene import Scene
 
@@ -23,6 +25,7 @@ def compile_ahead() -> None:
     try:
         for part in parts:
             part.wait()
+        warmed()
     finally:
         for part in parts:
             part.terminate()

@@ -20,7 +20,7 @@ from typing import Any
 import numba
 from numba.np import linalg
 
-__all__ = ["cache_folder", "cold", "kernel"]
+__all__ = ["cache_folder", "cold", "kernel", "warmed"]
 
 # Results must not depend on how many particles share a call, so no `parallel`; threads come from the caller.
 # NaN and infinity are kept meaningful: misses are marked by infinity. (Vector operations carry flags of their own.)
@@ -85,12 +85,18 @@ def _private_temporary_folder() -> Path:
 
 
 cache_folder: Path = _writable_folder()
-_started_cold = not any(cache_folder.rglob("*.nbc"))
+_cold = not any(cache_folder.rglob("*.nbc"))
 
 
 def cold() -> bool:
-    """Whether no kernel of this version had been compiled on this machine when the process started."""
-    return _started_cold
+    """Whether no kernel of this version had been compiled on this machine when the process started, nor ahead of use since."""
+    return _cold
+
+
+def warmed() -> None:
+    """Note that kernels have been compiled ahead of use."""
+    global _cold
+    _cold = False
 
 
 def kernel(function: Callable[..., Any] | None = None, *, inline: bool = False, borrows: bool = False) -> Any:
