@@ -7,7 +7,7 @@ frames a second over those of all threads with nothing to bake, and textures a s
 fill: from an empty cache, how long until all that one view at 512² and 1024² shows has its first light, and its texture, with as many threads for
 baking as for drawing, while frames are drawn: none, those of a camera at rest, thirty a second as if it moved, or as many as can be. Preparing the
 filter is included, in the plain bake too. Antialiased frames at rest see more particles than one ray a pixel. Targets are for the 512² view of a machine with AVX-512.
-figure8: efficiency over threads, at 512² and 1024².
+figure8: efficiency over threads, at 512² and 1024²: medians of five turns, each of which tries all numbers of threads.
 "alone": frames with all textures there, and a plain bake, rate(t) / (t · rate(1)): what the machine and its memory let through.
 "dedicated": half of the threads draw and half bake, while requests wait; frames a second over t/2 times those of one thread alone, textures
 over t/2 times a plain bake's on one thread.
@@ -250,31 +250,11 @@ def _thirty_a_second(frames: Frames) -> Iterator[Frame]:
 def figure8(sets: list[DataSet], quick: bool, threads: int) -> Rows:
     """Efficiency over threads."""
     counts = sorted({1, threads, *(2**k for k in range(1, 7) if 2**k <= threads)})
-    for_s = 1.0 if quick else 4.0
     rows: Rows = []
     for side in (512, 1024):
         stand = _Stand.of(sets[0], side, threads)
-        found: dict[int, list[tuple[float, ...]]] = {count: [] for count in counts}
-        for _ in range(2 if quick else 3):
-            most = math.inf
-            for count in counts:  # in turn, so that a machine whose speed drifts hurts all alike
-                callback = stand.both(count, 0, _BUDGET_S / count, for_s, most)
-                if count == 1:
-                    most = callback[1] * for_s
-                found[count].append(
-                    (
-                        stand.frames_alone(count, for_s / 2),
-                        stand.bake_alone(count, for_s / 2),
-                        *(
-                            stand.both(count - count // 2, count // 2, 0.0, for_s)
-                            if count > 1
-                            else (0.0, 0.0)
-                        ),
-                        *callback,
-                    )
-                )
-        rates = {count: [max(each) for each in zip(*found[count], strict=True)] for count in counts}
-        rows += [_efficiencies(f"{side}²", count, rates[count], rates[1]) for count in counts]
+        turns = [_turn(stand, counts, 0.5 if quick else 3.0) for _ in range(5)]
+        rows += [_efficiencies(f"{side}²", count, turns) for count in counts]
     rows.append(
         {
             "picture": "paper",
@@ -287,22 +267,46 @@ def figure8(sets: list[DataSet], quick: bool, threads: int) -> Rows:
     return rows
 
 
-def _efficiencies(picture: str, count: int, rates: list[float], single: list[float]) -> dict[str, Any]:
-    """One row of figure 8."""
+def _turn(stand: _Stand, counts: list[int], for_s: float) -> dict[int, dict[str, float]]:
+    """Rates of everything with each number of threads, one soon after the other, as a machine's speed drifts."""
+    found: dict[int, dict[str, float]] = {}
+    most = math.inf
+    for count in counts:
+        half = count // 2
+        frames, textures = stand.both(count, 0, _BUDGET_S / count, for_s, most)
+        if count == 1:
+            most = textures * for_s
+        found[count] = {
+            "alone: frames": stand.frames_alone(count, for_s / 2),
+            "alone: bake": stand.bake_alone(count, for_s / 2),
+        }
+        if half:
+            both = stand.both(count - half, half, 0.0, for_s)
+            found[count] |= dict(zip(("dedicated: frames", "dedicated: textures"), both, strict=True))
+        found[count] |= {"callback: frames": frames, "callback: textures": textures}
+    return found
+
+
+def _efficiencies(picture: str, count: int, turns: list[dict[int, dict[str, float]]]) -> dict[str, Any]:
+    """One row of figure 8: medians over turns."""
     row: dict[str, Any] = {"picture": picture, "threads": count}
-    frames_alone, bake_alone, frames_dedicated, bake_dedicated, frames_callback, bake_callback = rates
-    found = {
-        "alone: frames": (frames_alone, count * single[0]),
-        "alone: bake": (bake_alone, count * single[1]),
-        "dedicated: frames": (frames_dedicated, (count - count // 2) * single[0]),
-        "dedicated: textures": (bake_dedicated, (count // 2) * single[1]),
-        "callback: frames": (frames_callback, count * single[4]),
-        "callback: textures": (bake_callback, count * single[5]),
+    half = count // 2
+    ideal = {
+        "alone: frames": (count, "alone: frames"),
+        "alone: bake": (count, "alone: bake"),
+        "dedicated: frames": (count - half, "alone: frames"),
+        "dedicated: textures": (half, "alone: bake"),
+        "callback: frames": (count, "callback: frames"),
+        "callback: textures": (count, "callback: textures"),
     }
     missed = []
-    for name, (rate, ideal) in found.items():
-        row[f"{name}/s"], row[name] = (rate, rate / ideal) if rate else ("", "")
-        if rate and rate / ideal < _TARGET:
+    for name, (threads, single) in ideal.items():
+        if name not in turns[0][count]:
+            row[f"{name}/s"] = row[name] = ""
+            continue
+        row[f"{name}/s"] = float(np.median([turn[count][name] for turn in turns]))
+        row[name] = float(np.median([turn[count][name] / (threads * turn[1][single]) for turn in turns]))
+        if row[name] < _TARGET:
             missed.append(name)
     row["target"] = f">= {_TARGET}: " + ("met" if not missed else "missed by " + ", ".join(missed))
     return row

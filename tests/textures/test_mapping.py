@@ -152,7 +152,7 @@ def test_holes_are_filled_from_around_them(mapping):
         slope = np.cross(axis, [0.36, 0.48, 0.8])
         field = (n @ slope)[None].astype(np.float32)
         hole = (n @ axis > np.cos(np.radians(25)))[None]
-        filled = dilate(field, ~hole, mapping)
+        filled = dilate(field, np.uint32(~hole), mapping)
         assert np.array_equal(filled[~hole], field[~hole])
         assert np.abs(filled - field)[hole].max(initial=0) < 0.5
 

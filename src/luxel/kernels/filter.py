@@ -9,7 +9,7 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.simd import LANES, fma, fnma, load, splat, store
 
-__all__ = ["WIDTH", "Learned", "fill_unknown", "filter_textures"]
+__all__ = ["WIDTH", "Learned", "add_filled", "error_variances", "fill_unknown", "filter_textures"]
 
 #: Room for so many directions.
 WIDTH = 2 * LANES
@@ -189,35 +189,68 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
                 filtered[n, t] = min(max(filtered[n, t], low), high)
 
 
-@kernel
-def fill_unknown(values, known, beside):
-    """Give texels (K, D) that are not `known` the mean of their known neighbours, ring by ring, in place.
+@kernel(inline=True, borrows=True)
+def _fill(row, have, beside, ring):
+    """Give the texels (D,) of one texture that are not known the mean of their known neighbours, ring by ring."""
+    texels = row.shape[0]
+    left = 0
+    for t in range(texels):
+        if not have[t]:
+            row[t] = _ZERO
+            left += 1
+    while 0 < left < texels:
+        found = 0
+        for t in range(texels):
+            if have[t]:
+                continue
+            total, count = _ZERO, _ZERO
+            for k in range(beside.shape[0]):
+                if have[beside[k, t]]:
+                    total += row[beside[k, t]]
+                    count += _ONE
+            if count > 0:
+                row[t] = total / count
+                ring[found] = t
+                found += 1
+        for k in range(found):
+            have[ring[k]] = True
+        left -= found
 
-    `beside` is (4, D) int32, see ``light.mapping.texel_neighbours``. Textures with no known texel become 0.
+
+@kernel
+def fill_unknown(values, exposed, beside):
+    """Fill texels (K, D) in place that have no exposed sample from their neighbours, ring by ring.
+
+    `beside` is (4, D) int32, see ``light.mapping.texel_neighbours``. Textures with no exposed texel become 0.
     """
     texels = values.shape[1]
-    ring = np.zeros(texels, np.int32)
+    ring, have = np.zeros(texels, np.int32), np.zeros(texels, np.bool_)
     for n in range(values.shape[0]):
-        row, have = values[n], known[n]
-        left = 0
         for t in range(texels):
-            if not have[t]:
-                row[t] = _ZERO
-                left += 1
-        while 0 < left < texels:
-            found = 0
-            for t in range(texels):
-                if have[t]:
-                    continue
-                total, count = _ZERO, _ZERO
-                for k in range(beside.shape[0]):
-                    if have[beside[k, t]]:
-                        total += row[beside[k, t]]
-                        count += _ONE
-                if count > 0:
-                    row[t] = total / count
-                    ring[found] = t
-                    found += 1
-            for k in range(found):
-                have[ring[k]] = True
-            left -= found
+            have[t] = exposed[n, t] > 0
+        _fill(values[n], have, beside, ring)
+
+
+@kernel
+def error_variances(variance, exposed, areas, found):
+    """Write the error variance (K,) of plain means of samples (K, D): the mean over texels (D,) of such areas, those of several exposed samples."""
+    for n in range(variance.shape[0]):
+        total = area = 0.0
+        for t in range(areas.shape[0]):
+            if exposed[n, t] > 1:
+                total += areas[t] * variance[n, t] / exposed[n, t]
+                area += areas[t]
+        found[n] = total / max(area, 1e-9)
+
+
+@kernel
+def add_filled(mean, exposed, beside, luminance):
+    """Add textures (K, D), as `fill_unknown` completes them, to others."""
+    texels = mean.shape[1]
+    ring, have, row = np.zeros(texels, np.int32), np.zeros(texels, np.bool_), np.zeros(texels, np.float32)
+    for n in range(mean.shape[0]):
+        for t in range(texels):
+            row[t], have[t] = mean[n, t], exposed[n, t] > 0
+        _fill(row, have, beside, ring)
+        for t in range(texels):
+            luminance[n, t] += row[t]

@@ -7,6 +7,7 @@ dimensions, paper 3.3). Independent of the camera, so it cannot shimmer.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.filter import WIDTH, Learned, fill_unknown, filter_textures
+from luxel.kernels.filter import (
+    WIDTH,
+    Learned,
+    add_filled,
+    error_variances,
+    fill_unknown,
+    filter_textures,
+)
 from luxel.kernels.simd import LANES
 from luxel.light.mapping import Mapping, texel_neighbours, texel_solid_angles
 from luxel.light.sampling import Drawn, Samples
@@ -132,24 +140,33 @@ class TextureFilter:
         """
         found, variance = self._filtered(drawn.rest)
         if drawn.sun is not None:
-            found += dilate(drawn.sun.mean, drawn.sun.exposed > 0, self.mapping)
-            variance += np.float32(self.sun_gain) * standard_error(drawn.sun, self.mapping) ** 2
+            sun = _rows(drawn.sun)
+            add_filled(sun.mean, sun.exposed, self._beside, found)
+            variance += np.float32(self.sun_gain) * _error_variance(sun, self.weights)
+        luminance = found.reshape(drawn.rest.mean.shape)
         if len(self.power) == 0:
-            return found, np.sqrt(variance)
+            return luminance, np.sqrt(variance)
         variance = np.maximum(variance, 1e-20)
-        factors = np.interp(np.log(variance), np.log(np.maximum(self.bins, 1e-20)), self.factors)
-        return found, np.asarray(np.sqrt(variance * factors), dtype=np.float32)
+        factors = np.interp(np.log(variance), self._log_bins, self.factors)
+        return luminance, np.asarray(np.sqrt(variance * factors), dtype=np.float32)
 
     def _filtered(self, samples: Samples) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        rows = _rows(samples)
         if len(self.power) == 0:
-            plain = dilate(samples.mean, samples.exposed > 0, self.mapping)
-            return plain, standard_error(samples, self.mapping) ** 2
-        shape = samples.mean.shape
-        flat = [np.ascontiguousarray(x).reshape(shape[0], -1) for x in samples]
-        found = np.empty((shape[0], shape[1] * shape[2]), np.float32)
-        variance = np.empty(shape[0], np.float32)
-        filter_textures(self._packed, *flat, found, variance)
-        return found.reshape(shape), variance
+            plain = rows.mean.copy()
+            fill_unknown(plain, rows.exposed, self._beside)
+            return plain, _error_variance(rows, self.weights)
+        found, variance = np.empty_like(rows.mean), np.empty(len(rows.mean), np.float32)
+        filter_textures(self._packed, *rows, found, variance)
+        return found, variance
+
+    @cached_property
+    def _beside(self) -> NDArray[np.int32]:
+        return texel_neighbours(self.mapping, math.isqrt(len(self.mean)))
+
+    @cached_property
+    def _log_bins(self) -> Float:
+        return np.log(np.maximum(self.bins, 1e-20))
 
     @cached_property
     def _packed(self) -> Learned:
@@ -172,7 +189,7 @@ def _flat(textures: NDArray[Any]) -> Float:
 
 
 def _dilated(samples: Samples, mapping: Mapping) -> Float:
-    return _flat(dilate(samples.mean, samples.exposed > 0, mapping))
+    return _flat(dilate(samples.mean, samples.exposed, mapping))
 
 
 def _noise_gain(samples: Samples, a: Float, b: Float, variance: Float) -> float:
@@ -187,24 +204,33 @@ def _noise_gain(samples: Samples, a: Float, b: Float, variance: Float) -> float:
 
 def standard_error(samples: Samples, mapping: Mapping) -> NDArray[np.float32]:
     """Return (K,) the standard error of an exposed texel's plain mean, root mean square over the sphere."""
-    count = len(samples.mean)
-    weight = samples.exposed.reshape(count, -1).astype(np.float64)
-    angles = texel_solid_angles(mapping, samples.mean.shape[1]).ravel() * (weight > 1)
-    variance = samples.variance.reshape(count, -1) / np.maximum(weight, 1.0)
-    return np.asarray(
-        np.sqrt((variance * angles).sum(axis=1) / np.maximum(angles.sum(axis=1), 1e-9)), dtype=np.float32
-    )
+    areas = texel_solid_angles(mapping, samples.mean.shape[1]).ravel()
+    return np.sqrt(_error_variance(_rows(samples), areas))
 
 
 def dilate(
-    textures: NDArray[np.float32], known: NDArray[np.bool_], mapping: Mapping = "latlong"
+    textures: NDArray[np.float32], exposed: NDArray[np.uint32], mapping: Mapping = "latlong"
 ) -> NDArray[np.float32]:
-    """Fill unknown texels of (K, T, T) textures from their known neighbours, ring by ring.
+    """Return (K, T, T) textures with what has no exposed sample filled in from the texels around, ring by ring.
 
-    Textures with no known texel become 0.
+    Textures with no exposed texel become 0.
     """
-    count, rows, columns = textures.shape
-    filled = np.array(textures, np.float32).reshape(count, rows * columns)
-    # The kernel ticks off what it fills.
-    fill_unknown(filled, np.array(known).reshape(filled.shape), texel_neighbours(mapping, columns))
-    return filled.reshape(textures.shape)
+    filled = np.array(textures, np.float32)
+    flat = filled.reshape(len(filled), -1)
+    fill_unknown(flat, exposed.reshape(flat.shape), texel_neighbours(mapping, textures.shape[1]))
+    return filled
+
+
+def _error_variance(rows: Samples, areas: Float) -> NDArray[np.float32]:
+    found = np.empty(len(rows.mean), np.float32)
+    error_variances(rows.variance, rows.exposed, areas, found)
+    return found
+
+
+def _rows(samples: Samples) -> Samples:
+    """Return samples as (K, D) arrays."""
+
+    def flat(values: NDArray[Any]) -> NDArray[Any]:
+        return np.ascontiguousarray(values).reshape(len(values), values.shape[1] * values.shape[2])
+
+    return Samples(*map(flat, samples))

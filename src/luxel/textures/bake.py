@@ -84,10 +84,10 @@ class Baker:
     ) -> int:
         """Write codes (K, T, T) and expected errors (K,) of particles `ids` (K,); return how many texels clipped."""
         luminance, error = self.luminance(ids)
-        codes[...] = encode(luminance, self.scale, self.encoding)
+        codes[...], clipped = encode(luminance, self.scale, self.encoding)
         if errors is not None:
             errors[...] = error
-        return int(np.count_nonzero(luminance > self.scale))
+        return clipped
 
     def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
         """Return coarse light of particles `ids` (K,), fast and without preparation.

@@ -55,7 +55,7 @@ class EstimateBaker:
 
     def bake_into(self, ids: NDArray[np.int32], codes: NDArray[np.uint8]) -> int:
         """Write codes (K, T, T) of particles `ids` (K,); clipped texels are not counted, since better ones follow."""
-        codes[...] = encode(self.luminance(ids)[0], self._baker.scale, self._baker.encoding)
+        codes[...], _ = encode(self.luminance(ids)[0], self._baker.scale, self._baker.encoding)
         return 0
 
     def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:

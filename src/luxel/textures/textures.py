@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.kernels import FIRST_LIGHT, STALE
+from luxel.kernels.codes import pack_codes
 from luxel.kernels.lookup import LearntTexels
 from luxel.light.mapping import Mapping
 
@@ -29,15 +30,15 @@ Encoding = Literal["linear", "sqrt"]
 NO_COARSE: NDArray[np.float32] = np.empty((0, 4), dtype=np.float32)
 
 
-def encode(luminance: NDArray[np.float32], scale: float, encoding: Encoding) -> NDArray[np.uint8]:
-    """Turn luminance into 8-bit codes; values above `scale` clip.
+def encode(luminance: NDArray[np.float32], scale: float, encoding: Encoding) -> tuple[NDArray[np.uint8], int]:
+    """Return luminance as 8-bit codes, and how many values are above `scale` and clip.
 
     Linear codes are luminance / scale · 255; square-root codes spend more of the 255 steps on the dark.
     """
-    unit = np.clip(luminance * np.float32(1.0 / scale), 0.0, 1.0)
-    if encoding == "sqrt":
-        unit = np.sqrt(unit)
-    return np.asarray(unit * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
+    codes = np.empty(luminance.shape, np.uint8)
+    unit = np.float32(1.0 / scale)
+    clipped = pack_codes(luminance.ravel(), np.float32(scale), unit, encoding == "sqrt", codes.reshape(-1))
+    return codes, int(clipped)
 
 
 def decode(codes: NDArray[np.uint8], scale: float, encoding: Encoding) -> NDArray[np.float32]:
