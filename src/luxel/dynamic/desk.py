@@ -115,10 +115,12 @@ class Desk:
             self._over_budget = 0
 
     def look(self, now_s: float) -> None:
-        """Take in what frames have sighted."""
+        """Take in what frames have sighted, and find out what comes first: whoever asks for work then is not kept waiting."""
         if self._version != self._cache.version:
             with self._lock:
                 self._refresh(now_s)
+                for queue in self._queues.values():
+                    queue.arrange()
 
     def waiting(self, now_s: float) -> dict[Kind, int]:
         """How many particles wait for each kind of work that can be done, second attempts included."""

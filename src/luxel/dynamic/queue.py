@@ -169,6 +169,8 @@ class RequestQueue:
         self._run: NDArray[np.intp] = np.empty(0, np.intp)  # the best of `_all`, best first …
         self._head = 0  # … those before have been looked at
         self._run_count = _RUN_COUNT  # how many to put in order next
+        self._waited: NDArray[np.intp] = np.empty(0, np.intp)  # those that have waited longest, the best first …
+        self._more_waited = False  # … and more have waited as long
         self._stale = False  # clients changed since `_all` was made
 
     def __len__(self) -> int:
@@ -187,8 +189,7 @@ class RequestQueue:
     @property
     def oldest_s(self) -> float:
         """The least `since_s` of all that waits; infinite if nothing does."""
-        waiting = self._all.since_s[~self._taken]
-        return float(waiting.min()) if len(waiting) else math.inf
+        return float(self._all.since_s[self._longest_waiting(1)[0]]) if len(self) else math.inf
 
     def push(
         self, ids: Ids, distance: Floats, pixels: Floats | None = None, now_s: float = 0.0, client: str = ""
@@ -289,10 +290,16 @@ class RequestQueue:
         """Take up to `count` of the requests that have waited longest; of those that have waited as long, the best."""
         if not len(self):
             return _NO_IDS
-        place = np.flatnonzero((self._all.since_s == self.oldest_s) & ~self._taken)
-        best = place[_least(-self._priority[place], count)]
-        self._take(best)
-        return self._all.ids[best]
+        place = self._longest_waiting(count)[:count]
+        self._take(place)
+        return self._all.ids[place]
+
+    def arrange(self) -> None:
+        """Do now what the next :meth:`pop` and :meth:`pop_oldest` would have to do first."""
+        if len(self):
+            if self._head >= len(self._run):
+                self._sort_run()
+            self._longest_waiting(1)
 
     def clear(self) -> Ids:
         """Withdraw everything and forget all clients; return the ids of what waited."""
@@ -308,6 +315,7 @@ class RequestQueue:
         self._taken = np.zeros(len(requests), np.bool_)
         self._left = len(requests)
         self._run, self._head, self._run_count = self._run[:0], 0, _RUN_COUNT
+        self._waited = self._waited[:0]
 
     def _take(self, place: NDArray[np.intp]) -> None:
         self._taken[place] = True
@@ -319,6 +327,17 @@ class RequestQueue:
         self._run = waiting[_least(-self._priority[waiting], self._run_count)]
         self._run_count = min(2 * self._run_count, _LONGEST_RUN)
         self._head = 0
+
+    def _longest_waiting(self, count: int) -> NDArray[np.intp]:
+        """Return where those are that have waited longest, the best of them first: at least `count`, if so many have waited as long. Something must wait."""
+        self._waited = self._waited[~self._taken[self._waited]]
+        if not len(self._waited) or (self._more_waited and len(self._waited) < count):
+            waiting = np.flatnonzero(~self._taken)
+            since = self._all.since_s[waiting]
+            place = waiting[since == since.min()]
+            self._waited = place[_least(-self._priority[place], max(count, _RUN_COUNT))]
+            self._more_waited = len(self._waited) < len(place)
+        return self._waited
 
     def _settle_taken(self) -> None:
         """Take what has been popped out of all clients' requests."""
