@@ -97,7 +97,7 @@ def _luminance(scene, world, ray, words, pointer, px, py, pz, nx, ny, nz, state)
 
 
 @kernel
-def _sample_texels(scene, world, ids, grid, total, exposed):
+def sample_texels(scene, world, ids, grid, total, exposed):
     """Sum of grid × grid samples a texel and how many were not buried, (K, T, T) each; returns the number of rays."""
     ray = _aligned(_FLOATS)
     words = ray.view(np.uint32)
@@ -167,7 +167,7 @@ class EmbreeBaker:
         def part(start: int) -> int:
             stop = start + _BATCH
             return int(
-                _sample_texels(
+                sample_texels(
                     self._embree.handle,
                     self._world,
                     ids[start:stop],

@@ -26,12 +26,12 @@ def open_fraction(particles: luxel.Particles, ids: np.ndarray, texels: int) -> n
             [m[tree.query_ball_point(positions[i], radii[i] + largest)] for tree, m, largest in trees]
         )
         near = near[near != i]
-        _open_share(positions[near] - positions[i], radii[near], radii[i], fraction[k])
+        open_share(positions[near] - positions[i], radii[near], radii[i], fraction[k])
     return fraction
 
 
 @kernel
-def _open_share(offsets, radii, radius, share):
+def open_share(offsets, radii, radius, share):
     texels = share.shape[0]
     for row in range(texels):
         for column in range(texels):

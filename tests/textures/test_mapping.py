@@ -16,32 +16,32 @@ pytestmark = pytest.mark.parametrize("mapping", MAPPINGS)
 
 
 @kernel
-def _uv(code, n, out):
+def uv_of(code, n, out):
     for k in range(len(n)):
         out[k, 0], out[k, 1] = texel_uv(code, n[k, 0], n[k, 1], n[k, 2])
 
 
 @kernel
-def _direction(code, uv, out):
+def direction_of(code, uv, out):
     for k in range(len(uv)):
         out[k, 0], out[k, 1], out[k, 2] = texel_direction(code, uv[k, 0], uv[k, 1])
 
 
 @kernel
-def _lookup(code, codes, decoding, n, out):
+def look_up_all(code, codes, decoding, n, out):
     for k in range(len(n)):
         out[k] = bilinear(code, codes, decoding, 0, n[k, 0], n[k, 1], n[k, 2])
 
 
 def to_uv(mapping, n):
     out = np.empty((len(n), 2), np.float32)
-    _uv(mapping_code(mapping), np.ascontiguousarray(n, np.float32), out)
+    uv_of(mapping_code(mapping), np.ascontiguousarray(n, np.float32), out)
     return out
 
 
 def to_direction(mapping, uv):
     out = np.empty((len(uv), 3), np.float32)
-    _direction(mapping_code(mapping), np.ascontiguousarray(uv, np.float32), out)
+    direction_of(mapping_code(mapping), np.ascontiguousarray(uv, np.float32), out)
     return out
 
 
@@ -50,7 +50,7 @@ def look_up(mapping, texture, n):
     out = np.empty(len(n), np.float32)
     codes = np.arange(texture.size, dtype=np.int32).reshape(1, *texture.shape)
     decoding = texture.astype(np.float32).ravel()
-    _lookup(mapping_code(mapping), codes, decoding, np.ascontiguousarray(n, np.float32), out)
+    look_up_all(mapping_code(mapping), codes, decoding, np.ascontiguousarray(n, np.float32), out)
     return out
 
 

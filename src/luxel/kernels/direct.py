@@ -49,7 +49,7 @@ def _add(total, share, shadows, tree, work, spare, dx, dy, dz, reach, who, at):
     return total + load(spare, 0)
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def lambert_lanes(lights, shadows, tree, work, spare, x, y, z, nx, ny, nz, who, at):
     """Unshadowed direct light at sixteen points with unit normals, as ``light.lambert``; sky light is never shadowed.
 

@@ -52,7 +52,7 @@ def _trace_patch(world, work, near, known, site, table, chosen_set, patch, value
     return paths
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def launch(world, work, near, known, site, table, values, waves):
     """Follow the rays of one particle to what they meet; returns the number of paths that go on from there.
 

@@ -89,7 +89,7 @@ def _light_distance(lights, ox, oy, oz, dx, dy, dz):
     return nearest
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def escape_radiance(lights, ox, oy, oz, dx, dy, dz):
     """Sky radiance along a ray that met no sphere; 0 where an area light stands before the sky.
 
@@ -131,7 +131,7 @@ def sun_luminance(lights, k, cosine):
     return s[3] * cosine * _TWO / (_ONE + s[5])
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def direct_light(world, work, shadows, px, py, pz, offset, nx, ny, nz, skip, state):
     """One-sample estimate of (1/π) ∫ L cosθ dω over suns, spheres and quads; returns (luminance, state).
 
@@ -151,7 +151,7 @@ def direct_light(world, work, shadows, px, py, pz, offset, nx, ny, nz, skip, sta
     return total + area, state
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def area_light(world, work, shadows, px, py, pz, offset, nx, ny, nz, skip, state):
     """As `direct_light`, spheres and quads only."""
     lights = world.lights

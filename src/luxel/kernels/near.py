@@ -78,7 +78,7 @@ class Near(NamedTuple):
     lanes: np.ndarray
 
 
-@kernel
+@kernel(inner=True)
 def near_scratch(rays):
     """Allocate for at most `rays` rays at a time."""
     size = _CAPACITY + LANES
@@ -125,7 +125,7 @@ def _swap(near, i, j):
     near.id[i], near.id[j] = near.id[j], near.id[i]
 
 
-@kernel
+@kernel(inner=True)
 def collect(tree, work, near, cx, cy, cz, r, skip):
     """Find the neighbours of a sphere; returns (count, reach).
 
@@ -219,7 +219,7 @@ def _sort(near, count):
         gap = 4 if gap == 10 else 1 if gap == 4 else 0
 
 
-@kernel
+@kernel(inner=True)
 def patch_neighbours(near, count, nx, ny, nz, spread):
     """Choose the neighbours that rise above the horizon somewhere within chord `spread` of n; returns their number."""
     vx, vy, vz, vs = splat(nx), splat(ny), splat(nz), splat(spread)
@@ -251,7 +251,7 @@ def _cross(near, j, ax, ay, az, dx, dy, dz, w):
     return b, fma(b, b, -q), q
 
 
-@kernel
+@kernel(inner=True)
 def nearest(near, found, rays, first, blocks, out):
     """Nearest neighbour met by each ray of `blocks` blocks: writes near.hit_t (FAR for none, 0 for a start inside) and near.hit.
 
@@ -279,7 +279,7 @@ def nearest(near, found, rays, first, blocks, out):
         store(near.hit, out + block * LANES, hit)
 
 
-@kernel
+@kernel(inner=True)
 def buried_starts(near, count, rays, first):
     """Which of sixteen rays start inside one of the first `count` neighbours, as bits."""
     ax, ay, az = load(rays, first), load(rays, first + LANES), load(rays, first + 2 * LANES)
@@ -290,7 +290,7 @@ def buried_starts(near, count, rays, first):
     return buried
 
 
-@kernel
+@kernel(inner=True)
 def unblocked(near, found, rays, first, open_):
     """Which of sixteen rays no chosen neighbour blocks: a subset of the bits `open_`."""
     zero, exit_ = splat(_ZERO), splat(EXIT)

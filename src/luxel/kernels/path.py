@@ -50,7 +50,7 @@ class World(NamedTuple):
     cell: Periodic | None  # light repeats with it; kernels are compiled apart for None, which costs nothing
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def buried(tree, work, x, y, z, skip):
     """Whether a point lies inside any sphere but `skip`."""
     nodes, child, spheres, ids, stack = tree.nodes, tree.child, tree.spheres, tree.ids, work.node
@@ -84,7 +84,7 @@ def buried(tree, work, x, y, z, skip):
     return False
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def luminance_at(world, work, sphere, px, py, pz, nx, ny, nz, state):
     """One-sample estimate of T(p) = (1/π) ∫ L_in cosθ dω at a point of `sphere`; negative where a neighbour buries it."""
     lights = world.lights

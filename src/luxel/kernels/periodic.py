@@ -194,7 +194,7 @@ def shadowed(cell, world, work, px, py, pz, dx, dy, dz, limit, particle):
         return _walk(cell, world, work, px, py, pz, dx, dy, dz, limit, particle, True)[1] != MISS
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def settle(cell, world, px, py, pz, particle):
     """Return the tree that holds everything near a point of a particle, the point there, and what to leave out."""
     if cell is None:
@@ -204,7 +204,7 @@ def settle(cell, world, px, py, pz, particle):
         return cell.tree, qx, qy, qz, _image_id(cell, particle, a, b, c)
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def surroundings(cell, world, particle):
     """Return the tree of what light meets around a particle, its centre there, and how far around that the tree is complete."""
     if cell is None:

@@ -104,7 +104,7 @@ def sky_along(world, site, rays, o):
     )
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def neighbours(world, work, near, particle):
     """Collect the neighbours of a particle, images among them; returns (count, reach), see ``near.collect``."""
     tree, x, y, z, complete = surroundings(world.cell, world, particle)
@@ -163,7 +163,7 @@ def hit_point(cell, near, k, px, py, pz):
         return px - x, py - y, pz - z, (x, y, z)
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def first_hits(world, work, near, found, site, rays, first, count):
     """Nearest hits of `count` rays from word `first`, within ``world.reach`` at least.
 
@@ -186,7 +186,7 @@ def first_hits(world, work, near, found, site, rays, first, count):
         _note_offset(world.cell, near, k, offset)
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def within_reach(world, work, near, found, site, rays, first, count, values, base):
     """Sky radiance for rays that nothing stops within ``world.reach``, else 0; -1 for starts inside a neighbour."""
     first_hits(world, work, near, found, site, rays, first, count)
@@ -198,7 +198,7 @@ def within_reach(world, work, near, found, site, rays, first, count, values, bas
             values[base + k] = sky_along(world, site, rays, first + ray_word(k))
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def escaping(world, work, near, found, site, rays, first, count, values, base):
     """Sky radiance for rays that nothing stops, else 0."""
     for block in range((count + LANES - 1) // LANES):
@@ -211,7 +211,7 @@ def escaping(world, work, near, found, site, rays, first, count, values, base):
             values[base + block * LANES + lane] = value
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def add_sunlight(world, work, near, found, site, sun, rays, first, count, values, base):
     """Add sun `sun`'s light to values that are not negative; rays point towards its disc."""
     for block in range((count + LANES - 1) // LANES):
@@ -235,7 +235,7 @@ def add_sunlight(world, work, near, found, site, sun, rays, first, count, values
                 values[at + lane] += sun_luminance(world.lights, sun, rays[q + 6 * LANES])
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def add_area_lights(world, work, site, table, chosen_set, block, count, values):
     """Add area lights to those of `count` values from `block` on that are not negative."""
     if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:

@@ -49,7 +49,7 @@ class BookScratch(NamedTuple):
     system: np.ndarray  # (4, 5) float64
 
 
-@kernel
+@kernel(inner=True)
 def book_scratch(book):
     """Allocate for the rays of a book."""
     rays, cells = book.table.texel.shape[0], book.basis.shape[0]
@@ -143,7 +143,7 @@ def record_towards(world, records, particle, point):
     return max(_ZERO, record[0] + slope)
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def ensure_record(world, work, book, pad, particle):
     """Make the record of a particle where there is none yet."""
     if not _known(book.records, particle):
@@ -151,7 +151,7 @@ def ensure_record(world, work, book, pad, particle):
         _finish_record(world, work, book, pad, known, site, paths)
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def is_black(world, work, book, pad, particle):
     """Whether the record of a particle finds no light; it is made only if following its paths is what tells."""
     if not _known(book.records, particle):

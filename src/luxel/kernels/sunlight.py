@@ -66,7 +66,7 @@ class SunScratch(NamedTuple):
     cosine: np.ndarray  # (16,) float32
 
 
-@kernel
+@kernel(inner=True)
 def sun_scratch(table):
     """Allocate for the rays of a table."""
     blocks = table.texel.shape[0] // LANES
@@ -324,7 +324,7 @@ def _gather_block(world, sun, rays, table, block, scratch, light, light2):
             light2[texel] += value * value
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def sunlight(world, work, near, known, site, table, scratch, light, light2, seen):
     """Estimate sunlight on the texels of a particle.
 

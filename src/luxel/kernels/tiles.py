@@ -233,7 +233,7 @@ def _depth_inside(planes, sides, nodes, o):
     return inside
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def meets_leaf(tree, eye, tile, left, top, wide, high):
     """Whether a leaf of the tree may be seen through a part of the picture: sx from `left` over `wide`, sy from `top` down over `high`."""
     nodes, child, stack = tree.nodes, tree.child, tile.stack
@@ -253,7 +253,7 @@ def meets_leaf(tree, eye, tile, left, top, wide, high):
     return True
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     """Trace the 64 rays through (x + shift_x, y + shift_y), x from `tx` and y from `ty` on; write `tile`.
 
@@ -272,7 +272,7 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     )
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def trace_points(tree, eye, tile, width, height, left, top, wide, high):
     """As `trace_tile`, through ``tile.points``, which lie where sx goes from `left` over `wide`, and sy from `top` down over `high`.
 
@@ -406,7 +406,7 @@ def trace_points(tree, eye, tile, width, height, left, top, wide, high):
         current = stack[height_of_stack]
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def note_nearest(tree, tile, near, width, height, tx, ty, distance, ids):
     """Write what the rays of a tile have hit first to `distance` and `ids`, as `primary_tiles` does; nothing if not `near`."""
     for row in range(min(TILE, height - ty)):

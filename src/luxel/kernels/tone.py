@@ -62,7 +62,7 @@ def develop(total, rays, exposure, white, background, picture):
                 picture[y, x, c] = total[y, x, c] * gain + background[c] * (_ONE - cover)
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def develop_block(
     total, above, before, blank, rays, tone, first_column, last_column, first_row, last_row, picture
 ):

@@ -73,7 +73,7 @@ class Waves(NamedTuple):
 _SELF = np.int32(-2)
 
 
-@kernel
+@kernel(inner=True)
 def wave_scratch(paths):
     """Allocate for at most `paths` paths."""
     return Waves(
@@ -350,7 +350,7 @@ def _bounce(world, work, near, known, site, waves, first, count):
     return on
 
 
-@kernel(borrows=True)
+@kernel(borrows=True, inner=True)
 def follow_paths(world, work, near, known, site, waves, count, values):
     """Add to `values` the light that `count` paths bring: what ``path.path_tail`` finds, from the same random numbers."""
     if world.cell is not None:
