@@ -252,6 +252,27 @@ def test_cold_start_is_announced(file, tmp_path, rendered, monkeypatch, capsys):
         assert ("compiling" in capsys.readouterr().err) is cold
 
 
+def test_a_process_compiles_ahead_once(file, tmp_path, rendered, monkeypatch, capsys):
+    started = []
+
+    class Process:
+        def __init__(self, command, **_):
+            started.append(command[-1])
+
+        def wait(self):
+            pass
+
+        terminate = wait
+
+    monkeypatch.setattr("luxel.kernels.jit._cold", True)
+    monkeypatch.setattr("subprocess.Popen", Process)
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    for _ in range(2):
+        assert run("render", file, "-o", tmp_path / "a.png") == 0
+    assert sorted(started) == ["light", "picture"]
+    assert capsys.readouterr().err.count("compiling") == 1
+
+
 def test_progress_goes_to_stderr_and_only_for_long_work(capsys):
     with talk.Progress() as progress:
         progress(0, 10)

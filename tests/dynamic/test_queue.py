@@ -118,6 +118,10 @@ class QueueMachine(RuleBasedStateMachine):
         self.remove(set(taken))
         self.waiting -= set(taken)
 
+    @rule()
+    def arrange(self):
+        self.queue.arrange()  # changes nothing but when work is done
+
     @rule(count=st.integers(0, 10))
     def limit(self, count):
         merged = self.merged()
@@ -213,6 +217,30 @@ def test_sighting_again_in_time_keeps_the_place_in_the_line():
     assert queue.oldest_s == 0.0
     assert queue.pop_oldest(5).tolist() == [1]
     assert queue.oldest_s == 1.0
+
+
+def test_of_many_that_have_waited_as_long_the_best_come_first():
+    rng = np.random.default_rng(0)
+    queue = RequestQueue()
+    order = rng.permutation(2000)
+    push(queue, {int(particle): float(rank) / 2000 for rank, particle in enumerate(order)}, 0.0)
+    push(queue, {5000: 0.0}, 0.1, "another")
+    queue.refresh(0.1)
+    left = order.tolist()
+    for _ in range(40):
+        count = int(rng.integers(1, 400))
+        if rng.random() < 0.3:  # takes the newer, but best one too
+            taken = [each for each in queue.pop(count).tolist() if each != 5000]
+        else:
+            queue.arrange()
+            taken = queue.pop_oldest(count).tolist()
+            if not left:
+                break
+            assert len(taken) == min(count, len(left))
+        assert taken == left[: len(taken)]
+        left = left[len(taken) :]
+    assert not left
+    assert not len(queue)
 
 
 def test_one_that_stays_visible_is_served_however_much_comes_in_before_it():

@@ -74,3 +74,8 @@ def test_random_numbers_depend_on_every_part_of_the_key():
         changed[place] = changed[place] + type(changed[place])(1)
         keys.add(int(outer(*changed)))
     assert len(keys) == 6
+
+
+def test_what_only_kernels_call_says_so():
+    with pytest.raises(TypeError, match="next_state is called by kernels only"):
+        next_state(np.uint64(1))
