@@ -54,7 +54,7 @@ export class Drawing {
     return new Film(this.renderer, (data, stride, epoch) => {
       light.sight.collect(data, stride, epoch);
       light.ask();
-    }, () => light.sight.ids.subarray(0, light.sight.count));
+    }, () => light.sight.ids.subarray(0, light.sight.count), () => light.awaited);
   }
 
   get aspect() {

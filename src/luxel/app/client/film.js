@@ -44,11 +44,13 @@ export class Film {
    * @param {import("./renderer.js").Renderer} renderer
    * @param {(data: Uint32Array, stride: number, epoch: number) => void} onSweep
    * @param {() => Int32Array} visible all ids that sweeps found since the camera moved
+   * @param {() => boolean} awaited whether light of these is on its way
    */
-  constructor(renderer, onSweep, visible) {
+  constructor(renderer, onSweep, visible, awaited) {
     this.renderer = renderer;
     this.onSweep = onSweep;
     this.visible = visible;
+    this.awaited = awaited;
     /** @type {Camera | null} */
     this.camera = null;
     this.epoch = 0;
@@ -66,6 +68,8 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
+    /** When a slow renderer has given way to first light; null before it has begun to. @type {number | null} */
+    this.firstLightAt = null;
     this.recent = new Recent(0);
     this.recentStep = 1;
     this.turn = 0;
@@ -103,6 +107,7 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
+    this.firstLightAt = null;
   }
 
   get restStep() {
@@ -146,6 +151,10 @@ export class Film {
       pass = this.begin(pass, 1);
     } else if (pausing) {
       return true;
+    } else if (!moving && this.givesWay(now)) {
+      if (now < /** @type {number} */ (this.firstLightAt)) return true;
+      this.firstLightAt = -Infinity;
+      if (pass.light !== this.light) pass = this.begin(FULL, 1);
     } else if (!(slow && !this.settled) && pass.light !== this.light && pass.count >= pass.want) {
       pass = this.begin(pass, Math.max(1, Math.min(8, Math.floor(SMOOTH_MS / renderer.frameMs))));
     }
@@ -170,6 +179,19 @@ export class Film {
     if (drew) renderer.endFrame(kind(pass, this.listed.central));
     this.sweep(pass, shape, moving, now);
     return drew || moving || pass.count < SAMPLES || pass.light !== this.light || !this.settled || renderer.frames.length > 0;
+  }
+
+  /**
+   * Whether a slow renderer is to give way to light, once after each move: as soon as it is known what rays through pixel centres meet. To look for what lies
+   * between them takes many frames, for which nobody should look at a picture without light.
+   * @param {number} now
+   */
+  givesWay(now) {
+    const { renderer } = this;
+    if (this.firstLightAt === null && renderer.frameMs > SLOW_MS && this.centralKnown && !renderer.readback.pending && this.awaited()) {
+      this.firstLightAt = now + LIGHT_PAUSE * renderer.frameMs;
+    }
+    return this.firstLightAt !== null && this.firstLightAt > -Infinity;
   }
 
   /** What there is time for while the camera moves. */

@@ -148,12 +148,21 @@ export class Illumination {
     this.app.connection.send(encode(KIND.setLight, change));
   }
 
+  /** Whether no light is to be asked for. */
+  get lit() {
+    return this.state === null || this.state.model === "lambertian" || this.baked?.complete;
+  }
+
+  /** Whether light is on its way. */
+  get awaited() {
+    return !this.lit && this.requests.waiting;
+  }
+
   /** Tell the server what is visible and has no light yet. */
   ask() {
     clearTimeout(this.timer);
-    const { state, baked, app: { beside, remote } } = this;
+    const { state, lit, app: { beside, remote } } = this;
     if (remote.active) return;
-    const lit = state === null || state.model === "lambertian" || baked?.complete;
     const waiting = !lit && this.askFor(state.key, this.requests, this.store);
     const { tiles } = beside;
     const waitingBeside = tiles !== null && beside.asks && this.askFor(beside.state.key, beside.requests, tiles);
