@@ -10,6 +10,7 @@ import pytest
 
 from luxel.app.warm import compile_ahead
 from luxel.kernels.jit import cold
+from luxel.trace.tree import thread_count
 
 # A busy machine is slow, not wrong.
 hypothesis.settings.register_profile("luxel", deadline=None, derandomize=True)
@@ -21,7 +22,7 @@ _MOST_PROCESSES = 4  # each compiles kernels of its own and may run a browser
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """Share all tests out to a few processes; those that are named run in this one."""
-    return min(os.cpu_count() or 1, _MOST_PROCESSES) if _runs_all(config) else 0
+    return min(thread_count(None), _MOST_PROCESSES) if _runs_all(config) else 0
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
