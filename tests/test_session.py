@@ -91,7 +91,7 @@ def test_a_scene_brings_its_light():
 
 def test_the_default_spec_is_fast():
     with Session(cloud(), threads=0) as session:
-        assert session.spec == TextureSpec(mode="fast", samples=DEFAULT_SAMPLES["fast"])
+        assert session.spec == TextureSpec(mode="fast", samples=DEFAULT_SAMPLES["fast"]["view"])
         assert session.encoding == "sqrt"
 
 

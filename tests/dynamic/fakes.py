@@ -13,6 +13,7 @@ from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.engine import Engine
 from luxel.dynamic.entries import ESTIMATE, FULL
 from luxel.dynamic.work import Bakers
+from luxel.light.in_view import Gaze
 
 TEXELS = 4
 GUARD_S = 60.0  # only ever waited for when a test is about to fail
@@ -75,7 +76,7 @@ class FakeBaker:
                 self.clock.now_s += self.step_s
             yield
 
-    def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
+    def bake_into(self, ids: np.ndarray, codes: np.ndarray, gaze: Gaze | None = None) -> int:
         with self.lock:
             self.batches.append(ids.tolist())
             self.work.append(("bake", ids.tolist()))

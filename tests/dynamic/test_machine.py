@@ -9,6 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from luxel.dynamic.entries import ESTIMATE, FAILED, FULL, NONE, QUEUED, grade_of, work_of
 from luxel.dynamic.sightings import shard_of
+from luxel.light.in_view import Gaze
 
 from .fakes import Clock, FakeBaker, Stage, code_of
 
@@ -40,9 +41,9 @@ class Baker(FakeBaker):
         self.meanwhile()
         return super().first_light(ids)
 
-    def bake_into(self, ids: np.ndarray, codes: np.ndarray) -> int:
+    def bake_into(self, ids: np.ndarray, codes: np.ndarray, gaze: Gaze | None = None) -> int:
         self.meanwhile()
-        return super().bake_into(ids, codes)
+        return super().bake_into(ids, codes, gaze)
 
 
 class DynamicMachine(RuleBasedStateMachine):

@@ -112,7 +112,7 @@ def _add_codec_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_light_options(parser: argparse.ArgumentParser) -> None:
-    add_light_options(parser, samples=" (default: 2, with --mode paper 49)")
+    add_light_options(parser, samples=" (default: 1, with --mode paper 49)")
     add_up_option(parser)
 
 

@@ -53,7 +53,7 @@ def _export_options(parser: argparse.ArgumentParser) -> None:
         "--components", type=positive_int, metavar="N", help="bytes a texture, for pca (default: 8)"
     )
     codec.add_argument("--ratio", type=number, metavar="R", help="raw bytes over compressed ones, instead")
-    add_scene_options(parser, samples=" (default: 2, with --mode paper 49)")
+    add_scene_options(parser, samples=" (default: 1, with --mode paper 49)")
 
 
 def _export(options: argparse.Namespace) -> None:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from luxel.scene.scene import Scene
     from luxel.scene.view import View
     from luxel.session import Session
-    from luxel.textures.spec import TextureSpec
+    from luxel.textures.spec import Purpose, TextureSpec
     from luxel.textures.store.reader import Baked
     from luxel.textures.textures import TextureSource
 
@@ -57,7 +57,7 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print what was drawn as JSON")
     add_scene_options(
-        parser, samples=" (default: 2, with --mode paper 49), or a pixel with --light pixel (default: 64)"
+        parser, samples=" (default: 4, with --mode paper 49), or a pixel with --light pixel (default: 64)"
     )
 
 
@@ -65,7 +65,7 @@ def _view_options(parser: argparse.ArgumentParser) -> None:
     add_file_options(parser)
     _add_server_options(parser)
     add_bake_options(parser)
-    add_scene_options(parser, samples=" (default: 2, with --mode paper 49)")
+    add_scene_options(parser, samples=" (default: 9 after a first one, with --mode paper 49)")
 
 
 def _demo_options(parser: argparse.ArgumentParser) -> None:
@@ -74,7 +74,7 @@ def _demo_options(parser: argparse.ArgumentParser) -> None:
     _add_server_options(parser)
     add_bake_options(parser)
     parser.set_defaults(light="texture", json=False)
-    add_scene_options(parser, samples=" (default: 1)")
+    add_scene_options(parser, samples=" (default: 9 after a first one, with --render 2)")
 
 
 def _add_output_option(parser: argparse.ArgumentParser, *flags: str, required: bool = False) -> None:
@@ -176,8 +176,8 @@ def _demo(options: argparse.Namespace) -> None:
 
     if options.sun is None and options.view_file is None:
         options.sun = [SunOption(155.0, 32.0)]  # to the left of the preset's camera
-    if options.samples is None:
-        options.samples = 1  # a good picture of this data set, and nobody wants to wait for a first one
+    if options.samples is None and options.output is not None:
+        options.samples = 2  # a good picture of this data set, and nobody wants to wait for a first one
     look = build_look(options, demo_view())
     particles = demo_particles()
     if options.output is None:
@@ -266,7 +266,7 @@ def _draw(
     if textures is None:
         fill_light(options)
         if options.light == "texture":  # refuses bad values before the work
-            texture_spec(options)
+            texture_spec(options, "picture")
         say_if_dark(scene)
         names = ("light", "samples", "mode", "mapping", "seed")
         lit = {name: getattr(options, name) for name in names}
@@ -327,7 +327,7 @@ def _serve_light(
     from luxel.session import Session
 
     fill_light(options)
-    spec = texture_spec(options)
+    spec = texture_spec(options, "view")
     view = _ready(options, look.view, particles)
     session = Session(target, frame=frame, lighting=look.light, spec=spec, view=view, **bake_share(options))
     say_if_dark(session.scene)
@@ -362,11 +362,13 @@ def _ready(
     return view
 
 
-def texture_spec(options: argparse.Namespace) -> TextureSpec:
+def texture_spec(options: argparse.Namespace, purpose: Purpose = "bake") -> TextureSpec:
     """Return how textures are to be made."""
     from luxel.textures.spec import TextureSpec
 
-    return TextureSpec.usual(options.mode, options.samples, seed=options.seed, mapping=options.mapping)
+    return TextureSpec.usual(
+        options.mode, options.samples, purpose=purpose, seed=options.seed, mapping=options.mapping
+    )
 
 
 COMMANDS = (

@@ -87,7 +87,7 @@ def _movie_options(parser: argparse.ArgumentParser) -> None:
     )
     add_scene_options(
         parser,
-        samples=" (default: 2, with --mode paper 49), or a pixel with --light pixel (default: 64)",
+        samples=" (default: 1, with --mode paper 49), or a pixel with --light pixel (default: 64)",
         keyframes=True,
     )
 

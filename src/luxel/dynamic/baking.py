@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 import threading
@@ -9,12 +10,15 @@ from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.desk import Desk, Kind, Piece
 from luxel.dynamic.entries import ESTIMATE, NONE, Entries
+from luxel.dynamic.onlookers import Onlookers
 from luxel.dynamic.pace import Pace, Rate
 from luxel.dynamic.shares import Helpers, in_shares
+from luxel.dynamic.sightings import Ids
 from luxel.dynamic.work import CoarseBatch, Listeners, TileBatch
 from luxel.dynamic.workshop import Workshop
 
@@ -56,6 +60,7 @@ class Baking:
 
     def __init__(self, cache: TextureCache, clock: Callable[[], float], lock: threading.Lock) -> None:
         self._cache, self._clock, self.lock = cache, clock, lock
+        self._onlookers = Onlookers(cache)
         self.light: Entries | None = None
         self.desks: tuple[Desk, ...] = ()
         self.error: str | None = None
@@ -102,7 +107,7 @@ class Baking:
     def _first_light(self, shop: Workshop, piece: Piece, helpers: Helpers | None) -> _Done:
         light, ids = piece.light, piece.ids
         start_s = self._clock()
-        baker = shop.baker(piece.kind)
+        baker = shop.bakers.textures
         records = np.concatenate(in_shares(lambda share: baker.first_light(ids[share]), len(ids), helpers))
         took_s = self._clock() - start_s
         kept = self._cache.put_coarse(light, ids, records)
@@ -118,11 +123,13 @@ class Baking:
         grade = shop.grade(piece.kind)
         start_s = self._clock()
         codes = np.empty((len(ids), self._cache.texels, self._cache.texels), dtype=np.uint8)
-        baker = shop.baker(piece.kind)
+        make: Callable[[Ids, NDArray[np.uint8]], int] = shop.bakers.textures.bake_into
+        if grade == ESTIMATE and shop.bakers.estimates is not None:
+            make = functools.partial(shop.bakers.estimates.bake_into, gaze=self._onlookers.gaze(light))
 
         def bake(first: int, last: int) -> int:
             some, room = ids[first:last], codes[first:last]
-            return sum(in_shares(lambda share: baker.bake_into(some[share], room[share]), len(some), helpers))
+            return sum(in_shares(lambda share: make(some[share], room[share]), len(some), helpers))
 
         count = len(ids) if helpers is not None else self._first_part(piece, end_s - start_s)
         clipped = bake(0, count)

@@ -14,6 +14,9 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from luxel.dynamic.baking import Baking
 from luxel.dynamic.cache import TextureCache
 from luxel.dynamic.desk import Desk, Kind
@@ -41,7 +44,8 @@ Job = Callable[[], float | None]
 _PIECE_S, _FEW_THREADS = 0.03, 4
 # The last piece of a budget may be so many times longer, rather than be followed by one that is hardly worth taking.
 _LAST_PIECE = 1.5
-_PATIENCE_S = 2.0
+# Whoever waits so long for something to be prepared is not put off any more for what has come since.
+_PATIENCE_S = {Kind.FIRST_TEXTURE: 2.0, Kind.REFINEMENT: 10.0}
 _OLDEST_EVERY = 4  # of so many pieces of work, one goes to the requests that have waited longest
 
 
@@ -174,7 +178,14 @@ class Engine:
                 desk.select(light)
             self._notify_if_idle()
 
-    def request(self, key: str, ids: Ids, measure: Measure, client: str = "") -> int:
+    def request(
+        self,
+        key: str,
+        ids: Ids,
+        measure: Measure,
+        client: str = "",
+        eye: NDArray[np.float32] | None = None,
+    ) -> int:
         """Note what a client sees now, so that what is lacking gets done; return for how many particles that may be.
 
         Parameters
@@ -187,12 +198,14 @@ class Engine:
             How far and large they are; called later, on threads that work.
         client
             Who looks.
+        eye
+            (3,) from where, in normalised units; estimates are of what is looked at from there. None if nobody says.
         """
         self._check_open()
         lit = self._lit
         if lit is None or key != lit.light.key:
             return 0
-        sighting = Sighting(client, self.cache.next_number(), key, ids, measure, self._clock())
+        sighting = Sighting(client, self.cache.next_number(), key, ids, measure, self._clock(), eye)
         lacking = self.cache.see(sighting)
         if lacking:
             if self.thread_count and not self._threads:
@@ -496,12 +509,12 @@ class Engine:
         return (*self._baking.desks[first:], *self._baking.desks[:first])
 
     def _is_overdue(self, shop: Workshop, now_s: float) -> bool:
-        """Whether some request has waited long for preparation, since ever new particles want first light."""
+        """Whether some request has waited long for preparation, since ever new particles want first light, or estimates."""
         kinds = [kind for kind in TEXTURES if not shop.is_ready(kind)]
         return bool(kinds) and any(
-            since_s < now_s - _PATIENCE_S
+            since_s < now_s - _PATIENCE_S[kind]
             for desk in self._baking.desks
-            for since_s in desk.oldest_s(kinds, now_s).values()
+            for kind, since_s in desk.oldest_s(kinds, now_s).items()
         )
 
     # What follows runs under the lock.

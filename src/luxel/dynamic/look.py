@@ -67,6 +67,11 @@ class Look:
         first[1:] = ids[1:] > ids[:-1]
         return cls(spheres, eye, diagonal, ids[first], None if pixels is None else pixels[order[first]])
 
+    @property
+    def unit_eye(self) -> NDArray[np.float32]:
+        """(3,) the eye in normalised units."""
+        return self.spheres.to_unit(self.eye).astype(np.float32)
+
     def __call__(self, ids: Ids) -> tuple[NDArray[np.floating], NDArray[np.floating] | None]:
         """Return (K,) distances from the eye in diagonals, and (K,) widths in pixels, of some of the visible particles."""
         distance = np.empty(len(ids))

@@ -36,6 +36,8 @@ class Sighting:
         How far and how large they are; called later, on a thread of the engine, for what needs a texture.
     seen_s
         When, in seconds.
+    eye
+        (3,) from where, in normalised units; None if nobody says.
     """
 
     client: str
@@ -44,6 +46,7 @@ class Sighting:
     ids: Ids
     measure: Measure
     seen_s: float
+    eye: NDArray[np.float32] | None = None
     _parts: dict[int, list[Ids]] = field(default_factory=dict, repr=False)
 
     def part(self, shard: int, shards: int) -> Ids:

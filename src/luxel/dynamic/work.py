@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.dynamic.sightings import Ids
+from luxel.light.in_view import Gaze
 
 __all__ = [
     "Bakers",
     "CoarseBatch",
     "CoarseListener",
+    "EstimateBaker",
     "Listener",
     "Listeners",
     "MakeBakers",
@@ -48,6 +50,18 @@ class TileBaker(Protocol):
         ...
 
 
+class EstimateBaker(Protocol):
+    """What the engine needs of :class:`luxel.textures.estimate.EstimateBaker`."""
+
+    def preparation(self, threads: int) -> Iterator[None]:
+        """As `TileBaker.preparation`."""
+        ...
+
+    def bake_into(self, ids: Ids, codes: NDArray[np.uint8], gaze: Gaze | None) -> int:
+        """As `TileBaker.bake_into`; what nobody looks at, with a `gaze`, may be guessed."""
+        ...
+
+
 @dataclass(frozen=True)
 class Bakers:
     """Who makes textures under one light.
@@ -61,7 +75,7 @@ class Bakers:
     """
 
     textures: TileBaker
-    estimates: TileBaker | None = None
+    estimates: EstimateBaker | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from luxel.dynamic.desk import Kind
 from luxel.dynamic.entries import ESTIMATE, FULL
-from luxel.dynamic.work import Bakers, TileBaker
+from luxel.dynamic.work import Bakers
 
 __all__ = ["Workshop", "Workshops"]
 
@@ -28,11 +28,6 @@ class Workshop:
         """Which textures a kind of work makes."""
         return ESTIMATE if kind is Kind.FIRST_TEXTURE and self.bakers.estimates is not None else FULL
 
-    def baker(self, kind: Kind) -> TileBaker:
-        """Who does a kind of work."""
-        estimates = self.bakers.estimates
-        return estimates if estimates is not None and self.grade(kind) == ESTIMATE else self.bakers.textures
-
     def is_ready(self, kind: Kind) -> bool:
         """Whether a kind of work can be done."""
         return kind is Kind.FIRST_LIGHT or self.grade(kind) in self._prepared
@@ -41,7 +36,9 @@ class Workshop:
         """Return the steps that are left before a kind of work can be done."""
         grade = self.grade(kind)
         if grade not in self._steps:
-            self._steps[grade] = self.baker(kind).preparation(threads)
+            estimates = self.bakers.estimates
+            baker = estimates if estimates is not None and grade == ESTIMATE else self.bakers.textures
+            self._steps[grade] = baker.preparation(threads)
         return self._steps[grade]
 
     def prepared(self, kind: Kind) -> None:

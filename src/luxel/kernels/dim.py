@@ -23,7 +23,7 @@ _ZERO = np.float32(0)
 
 
 @kernel(borrows=True)
-def _sees_light(world, work, near, known, site, sun_table, suns, values, light, light2, seen):
+def _sees_light(world, work, near, known, site, sun_table, every, suns, values, light, light2, seen):
     """Whether any ray finds a light, without bounces."""
     for s in range(values.shape[0]):
         if values[s] > 0:
@@ -33,7 +33,7 @@ def _sees_light(world, work, near, known, site, sun_table, suns, values, light, 
     light[:] = _ZERO
     light2[:] = _ZERO
     seen[:] = 0
-    sunlight(world, work, near, known, site, sun_table, suns, light, light2, seen)
+    sunlight(world, work, near, known, site, sun_table, every, suns, light, light2, seen)
     # Not `light.max()`: kernels without reference counts cannot compile it, unless another has before them.
     for cell in range(light.shape[0]):  # noqa: SIM110
         if light[cell] > 0:
@@ -54,6 +54,7 @@ def dim_levels(world, book, table, sun_table, ids, levels):
     near, waves, suns = near_scratch(table.width * LANES), wave_scratch(rays), sun_scratch(sun_table)
     values = np.zeros(rays, np.float32)
     cells = sun_table.texel.shape[0]
+    every = np.ones(sun_table.texel.shape[0], np.uint8)
     light, light2, seen = np.zeros(cells, np.float32), np.zeros(cells, np.float32), np.zeros(cells, np.uint32)
     for k in range(ids.shape[0]):
         i = ids[k]
@@ -64,8 +65,8 @@ def dim_levels(world, book, table, sun_table, ids, levels):
             continue
         known, reach = neighbours(world, work, near, i)
         site = Site(i, world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i], reach)
-        paths = launch(world, work, near, known, site, table, values, waves)
-        if _sees_light(world, work, near, known, site, sun_table, suns, values, light, light2, seen):
+        paths = launch(world, work, near, known, site, table, every, values, waves)
+        if _sees_light(world, work, near, known, site, sun_table, every, suns, values, light, light2, seen):
             continue
         exposed = 0
         for s in range(rays):

@@ -19,8 +19,12 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 @kernel
-def gather_texels(world, table, sun_table, ids, mean, variance, exposed, sun, sun_variance, sun_exposed):
+def gather_texels(
+    world, table, sun_table, ids, wanted, mean, variance, exposed, sun, sun_variance, sun_exposed
+):
     """As ``texels.sample_texels``, with the rays of `table`; sunlight apart, with those of `sun_table`.
+
+    Only texels whose `wanted` (K, T·T) is not 0; the others have no exposed sample. Where it is (1, T·T), it is that of all particles.
 
     The last three are as the three before them; where there is no sun they are not written.
     """
@@ -30,12 +34,13 @@ def gather_texels(world, table, sun_table, ids, mean, variance, exposed, sun, su
     waves = wave_scratch(rays)
     suns = sun_scratch(sun_table)
     values = np.zeros(rays, np.float32)
+    each = wanted.shape[0] == ids.shape[0]
     for k in range(ids.shape[0]):
         i = ids[k]
         x, y, z, r = world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i]
         known, reach = neighbours(world, work, near, i)
         site = Site(i, x, y, z, r, reach)
-        paths = launch(world, work, near, known, site, table, values, waves)
+        paths = launch(world, work, near, known, site, table, wanted[k if each else 0], values, waves)
         follow_paths(world, work, near, known, site, waves, paths, values)
         total, total2, seen = mean[k].reshape(-1), variance[k].reshape(-1), exposed[k].reshape(-1)
         _clear(total, total2, seen)
@@ -49,7 +54,9 @@ def gather_texels(world, table, sun_table, ids, mean, variance, exposed, sun, su
         if sun_table.rays.shape[0] > 0:
             total, total2, seen = sun[k].reshape(-1), sun_variance[k].reshape(-1), sun_exposed[k].reshape(-1)
             _clear(total, total2, seen)
-            sunlight(world, work, near, known, site, sun_table, suns, total, total2, seen)
+            sunlight(
+                world, work, near, known, site, sun_table, wanted[k if each else 0], suns, total, total2, seen
+            )
             _average(total, total2, seen)
 
 

@@ -19,25 +19,43 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 @kernel(borrows=True)
-def _trace_patch(world, work, near, known, site, table, chosen_set, patch, values, waves, paths):
+def _wanted_rays(table, at, count, wanted):
+    """Bits of those of up to 64 rays from `at` on that start from texels that are wanted."""
+    found = np.int64(0)
+    for s in range(count):
+        texel = table.texel[at + s]
+        if texel >= 0 and wanted[texel] != 0:
+            found |= np.int64(1) << np.int64(s)
+    return found
+
+
+@kernel(borrows=True)
+def _trace_patch(world, work, near, known, site, table, chosen_set, patch, wanted, values, waves, paths):
     """Estimate what the rays of one patch bring without bounces and suns; returns how many paths there are by now."""
     block = patch * table.width
     first, at = block * RAY, block * LANES
     count = min(table.width * LANES, table.texel.shape[0] - at)
+    rays_wanted = _wanted_rays(table, at, count, wanted)
+    if rays_wanted == 0:
+        for s in range(count):
+            values[at + s] = -_ONE
+        return paths
     rays = table.rays[chosen_set]
     p = table.patches[patch]
     found = patch_neighbours(near, known, p[0], p[1], p[2], p[3])
-    first_hits(world, work, near, found, site, rays, first, count)
+    first_hits(world, work, near, found, site, rays, first, count, rays_wanted)
     bouncing = world.model == INTERREFLECTION and world.albedo > 0
     for s in range(count):
         t, hit = near.hit_t[s], near.hit[s]
         o = first + ray_word(s)
         value = _ZERO
-        if hit == MISS or (hit >= 0 and t * site.r >= world.reach):
+        if rays_wanted >> s & 1 == 0:
+            value = -_ONE
+        elif hit == MISS or (hit >= 0 and t * site.r >= world.reach):
             value = sky_along(world, site, rays, o)
         elif hit >= 0 and t <= 0:
             value = -_ONE
-        elif hit >= 0 and bouncing and table.texel[at + s] >= 0:
+        elif hit >= 0 and bouncing:
             _, _, _, px, py, pz = ray_start(site, rays, o)
             t *= site.r
             px, py, pz, offset = hit_point(
@@ -53,13 +71,16 @@ def _trace_patch(world, work, near, known, site, table, chosen_set, patch, value
 
 
 @kernel(borrows=True, inner=True)
-def launch(world, work, near, known, site, table, values, waves):
+def launch(world, work, near, known, site, table, wanted, values, waves):
     """Follow the rays of one particle to what they meet; returns the number of paths that go on from there.
 
-    Writes to `values` what each ray brings without bounces and suns, -1 if it starts inside a neighbour.
+    Writes to `values` what each ray brings without bounces and suns, -1 if it starts inside a neighbour, or from a
+    texel whose `wanted` (texels,) is 0.
     """
     chosen_set = set_of(world, site.sphere, table.rays.shape[0])
     paths = 0
     for patch in range(table.patches.shape[0]):
-        paths = _trace_patch(world, work, near, known, site, table, chosen_set, patch, values, waves, paths)
+        paths = _trace_patch(
+            world, work, near, known, site, table, chosen_set, patch, wanted, values, waves, paths
+        )
     return paths

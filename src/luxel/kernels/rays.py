@@ -18,6 +18,7 @@ from luxel.kernels.simd import FAR, LANES, store, trailing_zeros
 from luxel.kernels.tree_trace import MISS
 
 __all__ = [
+    "EVERY_RAY",
     "RayTable",
     "Site",
     "add_area_lights",
@@ -37,6 +38,9 @@ __all__ = [
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _ALL = (1 << LANES) - 1
+_LAST_BIT = 63
+#: Bits of rays, all of them wanted.
+EVERY_RAY = np.int64(-1)
 _NONE = np.int32(MISS)
 _TOUCHING = np.float32(
     1e-6
@@ -164,14 +168,19 @@ def hit_point(cell, near, k, px, py, pz):
 
 
 @kernel(borrows=True, inner=True)
-def first_hits(world, work, near, found, site, rays, first, count):
+def first_hits(world, work, near, found, site, rays, first, count, wanted):
     """Nearest hits of `count` rays from word `first`, within ``world.reach`` at least.
 
-    Writes near.hit_t, 0 for a start inside a neighbour; near.hit: particle, MISS or LOST; near.offset.
+    Writes near.hit_t, 0 for a start inside a neighbour; near.hit: particle, MISS or LOST; near.offset. Only for rays whose
+    bit of `wanted` is set; rays from the 64th on go by the last bit.
     """
-    nearest(near, found, rays, first, (count + LANES - 1) // LANES, 0)
+    for block in range((count + LANES - 1) // LANES):
+        if wanted >> min(block * LANES, _LAST_BIT) & _ALL != 0:
+            nearest(near, found, rays, first + block * RAY, 1, block * LANES)
     most = world.reach / site.r
     for k in range(count):
+        if wanted >> min(k, _LAST_BIT) & 1 == 0:
+            continue
         t, hit = near.hit_t[k], near.hit[k]
         particle, offset = _NONE, HERE
         if hit >= 0:
@@ -189,7 +198,7 @@ def first_hits(world, work, near, found, site, rays, first, count):
 @kernel(borrows=True, inner=True)
 def within_reach(world, work, near, found, site, rays, first, count, values, base):
     """Sky radiance for rays that nothing stops within ``world.reach``, else 0; -1 for starts inside a neighbour."""
-    first_hits(world, work, near, found, site, rays, first, count)
+    first_hits(world, work, near, found, site, rays, first, count, EVERY_RAY)
     for k in range(count):
         t = near.hit_t[k]
         if near.hit[k] == LOST or (near.hit[k] >= 0 and t * site.r < world.reach):

@@ -46,6 +46,7 @@ class BookScratch(NamedTuple):
     sun: np.ndarray  # (cells,) float32
     sun2: np.ndarray
     sun_seen: np.ndarray  # (cells,) uint32
+    every: np.ndarray  # (cells,) uint8, ones
     system: np.ndarray  # (4, 5) float64
 
 
@@ -56,7 +57,8 @@ def book_scratch(book):
     return BookScratch(
         near_scratch(book.table.width * LANES), wave_scratch(rays), sun_scratch(book.suns),
         np.zeros(rays, np.float32), np.zeros(cells, np.float32),
-        np.zeros(cells, np.float32), np.zeros(cells, np.uint32), np.zeros((RECORD, RECORD + 1)),
+        np.zeros(cells, np.float32), np.zeros(cells, np.uint32),
+        np.ones(cells, np.uint8), np.zeros((RECORD, RECORD + 1)),
     )  # fmt: skip
 
 
@@ -79,7 +81,11 @@ def _launch_record(world, work, book, pad, particle):
     known, reach = neighbours(world, work, pad.near, particle)
     x, y, z = world.centers[particle, 0], world.centers[particle, 1], world.centers[particle, 2]
     site = Site(particle, x, y, z, world.radii[particle], reach)
-    return known, site, launch(world, work, pad.near, known, site, book.table, pad.values, pad.waves)
+    return (
+        known,
+        site,
+        launch(world, work, pad.near, known, site, book.table, pad.every, pad.values, pad.waves),
+    )
 
 
 @kernel(borrows=True)
@@ -100,7 +106,19 @@ def _finish_record(world, work, book, pad, known, site, paths):
         pad.sun[c] = pad.sun2[c] = _ZERO
         pad.sun_seen[c] = 0
     if book.suns.rays.shape[0] > 0:
-        sunlight(world, work, pad.near, known, site, book.suns, pad.suns, pad.sun, pad.sun2, pad.sun_seen)
+        sunlight(
+            world,
+            work,
+            pad.near,
+            known,
+            site,
+            book.suns,
+            pad.every,
+            pad.suns,
+            pad.sun,
+            pad.sun2,
+            pad.sun_seen,
+        )
     for i in range(RECORD):
         for j in range(RECORD + 1):
             m[i, j] = 0.0

@@ -202,8 +202,22 @@ def _clear_of(beam, found, rays, first, open_):
 
 
 @kernel(borrows=True)
-def _leave_near_field(near, known, rays, table, s, scratch):
-    """Mark the rays towards sun `s` that leave the near field; returns how many do."""
+def _wanted_lanes(table, block, wanted):
+    """Bits of the rays of a block that start from texels that are wanted."""
+    o = block * LANES
+    if table.whole:
+        return _ALL if wanted[table.texel[o]] != 0 else 0
+    found = 0
+    for lane in range(LANES):
+        texel = table.texel[o + lane]
+        if texel >= 0 and wanted[texel] != 0:
+            found |= 1 << lane
+    return found
+
+
+@kernel(borrows=True)
+def _leave_near_field(near, known, rays, table, s, wanted, scratch):
+    """Mark the rays towards sun `s` from wanted texels that leave the near field; returns how many do."""
     overlapping = 0
     while overlapping < known and near.surface[overlapping] < _ONE:
         overlapping += 1
@@ -213,13 +227,20 @@ def _leave_near_field(near, known, rays, table, s, scratch):
     for patch in range(table.patches.shape[0]):
         p = table.patches[patch]
         first, last = patch * table.width, min((patch + 1) * table.width, blocks)
+        some = 0
+        for block in range(first, last):
+            scratch.seen[block] = _wanted_lanes(table, block, wanted)
+            scratch.open_[block] = 0
+            some |= scratch.seen[block]
+        if some == 0:
+            continue
         away = p[0] * s[0] + p[1] * s[1] + p[2] * s[2] + p[3] + s[4] <= 0
         found = 0
         if not away:
             found = _in_beam(near, known, p, s[0], s[1], s[2], slope)
         for block in range(first, last):
             o = block * RAY
-            seen, open_ = _ALL, 0
+            seen, open_ = scratch.seen[block], 0
             if overlapping > 0:
                 seen &= ~buried_starts(near, overlapping, rays, o)
             if not away:
@@ -325,8 +346,8 @@ def _gather_block(world, sun, rays, table, block, scratch, light, light2):
 
 
 @kernel(borrows=True, inner=True)
-def sunlight(world, work, near, known, site, table, scratch, light, light2, seen):
-    """Estimate sunlight on the texels of a particle.
+def sunlight(world, work, near, known, site, table, wanted, scratch, light, light2, seen):
+    """Estimate sunlight on the texels of a particle whose `wanted` (T·T,) is not 0.
 
     Adds up, over samples that are not buried, their luminance in `light` and its square in `light2` (T·T,), summed over
     suns, and counts them in `seen`.
@@ -336,7 +357,7 @@ def sunlight(world, work, near, known, site, table, scratch, light, light2, seen
     for sun in range(table.rays.shape[0]):
         rays = table.rays[sun, set_of(world, site.sphere, sets)]
         s = world.lights.suns[sun]
-        if _leave_near_field(near, known, rays, table, s, scratch) > 0:
+        if _leave_near_field(near, known, rays, table, s, wanted, scratch) > 0:
             _leave_beam(world, work, site, rays, table, s, scratch)
             if world.lights.globes.shape[0] + world.lights.quads.shape[0] > 0:
                 _hide_by_lights(world, site, rays, table, scratch)

@@ -15,6 +15,7 @@ from luxel.kernels.near import RAY, near_scratch, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at
 from luxel.kernels.periodic import HERE, LOST
 from luxel.kernels.rays import (
+    EVERY_RAY,
     Site,
     add_sunlight,
     escaping,
@@ -85,7 +86,7 @@ def _first_stretch(world, work, near, found, site, rays, count, values, base, st
 
     Samples that meet a neighbour become paths; returns how many there are by now.
     """
-    first_hits(world, work, near, found, site, rays, 0, count)
+    first_hits(world, work, near, found, site, rays, 0, count, EVERY_RAY)
     for s in range(count):
         t, hit = near.hit_t[s], near.hit[s]
         if hit >= 0 and t <= 0:

@@ -7,13 +7,14 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from luxel.kernels.path import LAMBERTIAN, World
 from luxel.light.denoise import TextureFilter
+from luxel.light.in_view import Gaze, texels_looked_at
 from luxel.light.mapping import Mapping
 from luxel.light.records import RecordBook
 from luxel.light.sampling import Drawn, RaySets, Samples, draw_paths, draw_rays
@@ -45,6 +46,14 @@ _DIM_ERROR, _DIM_SHARE = 0.002, 1.5
 _DRAWN, _FIRST, _SECOND = 0, 1, 2
 
 
+class _Lesson(NamedTuple):
+    """Particles (K,) that filters learn from, and two independent drawings of their textures."""
+
+    chosen: NDArray[np.int32]
+    first: Drawn
+    second: Drawn
+
+
 class FastLight:
     """Fast textures of one world. Safe to share between threads; what a texture becomes depends on its particle alone.
 
@@ -58,6 +67,8 @@ class FastLight:
         (N,) bool: particles that do not exist in this world, from which the filter does not learn.
     book
         Coarse records of the world, if there are some already.
+    lessons
+        What filters of the world have learned from, if there are some already.
     """
 
     def __init__(
@@ -71,6 +82,7 @@ class FastLight:
         hidden: NDArray[np.bool_] | None = None,
         *,
         book: RecordBook | None = None,
+        lessons: dict[tuple[int, int], _Lesson] | None = None,
     ) -> None:
         self._hidden = hidden
         self._world, self._scale, self._seed = world, scale, seed
@@ -79,10 +91,11 @@ class FastLight:
         self._making = threading.Lock()
         self._sets: dict[tuple[int, int, int], RaySets] = {}
         self._book = RecordBook(world) if book is None else book
+        self._lessons = {} if lessons is None else lessons
         self._filter: TextureFilter | None = None
 
     def coarser(self, texels: int, samples: int) -> FastLight:
-        """Return light of the same world and seed at another resolution; coarse records are shared."""
+        """Return light of the same world and seed at another resolution; coarse records and what filters learn from are shared."""
         return FastLight(
             self._world,
             self._scale,
@@ -92,6 +105,7 @@ class FastLight:
             self._seed,
             self._hidden,
             book=self._book,
+            lessons=self._lessons,
         )
 
     def prepare(self, threads: int) -> None:
@@ -105,18 +119,25 @@ class FastLight:
             with self._lock:
                 self._filter = self._filter or learned
 
-    def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return (K, T, T) luminance and (K,) the standard error expected of an exposed texel."""
+    def luminance(
+        self, ids: NDArray[np.int32], gaze: Gaze | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return (K, T, T) luminance and (K,) the standard error expected of a texel that was sampled.
+
+        With a `gaze`, only what is looked at is sampled; the filter tells the rest.
+        """
         learned = self._learned(1)
         levels = self._book.dim_levels(ids, self._ray_sets(1, _DRAWN, sun_samples=1))
         dim = (levels >= 0) & (levels < _DIM * self._scale)
         if not dim.any():
-            return learned.apply(self._draw(ids, self._samples, _DRAWN))
+            return learned.apply(self._draw(ids, self._samples, _DRAWN, gaze=gaze))
         luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
         luminance[dim] = levels[dim, None, None]
         error = (_DIM_ERROR * self._scale + _DIM_SHARE * levels).astype(np.float32)
         if not dim.all():
-            luminance[~dim], error[~dim] = learned.apply(self._draw(ids[~dim], self._samples, _DRAWN))
+            luminance[~dim], error[~dim] = learned.apply(
+                self._draw(ids[~dim], self._samples, _DRAWN, gaze=gaze)
+            )
         return luminance, error
 
     def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -128,12 +149,26 @@ class FastLight:
         seed = (int(self._world.seed) + drawing * 0x9E3779B97F4A7C15) % 2**64
         return self._world._replace(seed=np.uint64(seed), keep=keep)
 
-    def _draw(self, ids: NDArray[np.int32], samples: int, drawing: int, keep: np.float32 = _KEEP) -> Drawn:
+    def _draw(
+        self,
+        ids: NDArray[np.int32],
+        samples: int,
+        drawing: int,
+        keep: np.float32 = _KEEP,
+        gaze: Gaze | None = None,
+    ) -> Drawn:
         world = self._drawn(drawing, keep)
         if self._by_paths:
             # unshadowed: next to no noise, so any square number will do
             return Drawn(draw_paths(world, self._mapping, self._texels, math.isqrt(samples) ** 2, ids), None)
-        return draw_rays(world, self._ray_sets(samples, drawing), ids)
+        sets = self._ray_sets(samples, drawing)
+        if gaze is None:
+            return draw_rays(world, sets, ids)
+        drawn = draw_rays(world, sets, ids, texels_looked_at(world, self._mapping, self._texels, ids, gaze))
+        missed: NDArray[np.bool_] = ~np.asarray(drawn.rest.exposed.any(axis=(1, 2)))
+        if missed.any():  # all samples lie inside of neighbours: some light beside them is better than none
+            _replace(drawn, missed, draw_rays(world, sets, ids[missed]))
+        return drawn
 
     @property
     def _by_paths(self) -> bool:
@@ -165,6 +200,19 @@ class FastLight:
 
     def _learn(self, threads: int) -> Generator[None, None, TextureFilter]:
         """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
+        well = max(_TRAINING_SAMPLES, min(self._samples, 4 * _TRAINING_SAMPLES))
+        lesson = self._lessons.get((self._texels, well))
+        if lesson is None:
+            chosen = yield from self._choose(threads)
+            first = yield from self._draw_in_steps(chosen, well, _FIRST, threads)
+            second = yield from self._draw_in_steps(chosen, well, _SECOND, threads)
+            lesson = _Lesson(chosen, first, second)
+            self._lessons[self._texels, well] = lesson
+        drawn = yield from self._draw_in_steps(lesson.chosen, self._samples, _DRAWN, threads)
+        return TextureFilter.learn(lesson.first, lesson.second, drawn, self._mapping)
+
+    def _choose(self, threads: int) -> Generator[None, None, NDArray[np.int32]]:
+        """Return lit particles (K,) to learn from, or any if too few are lit."""
         shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii))
         if self._hidden is not None and not self._hidden.all():
             shuffled = shuffled[~self._hidden[shuffled]]
@@ -178,16 +226,14 @@ class FastLight:
             found += len(lit[-1])
             if found >= _TRAINING_COUNT:
                 break
-        chosen = np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
-        well = max(_TRAINING_SAMPLES, min(self._samples, 4 * _TRAINING_SAMPLES))
+        return np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
 
-        drawings = []
-        for samples, drawing in ((well, _FIRST), (well, _SECOND), (self._samples, _DRAWN)):
-            draw = partial(self._draw, samples=samples, drawing=drawing)
-            rest, sun = zip(*(yield from _in_steps(draw, chosen, threads)), strict=True)
-            drawings.append(Drawn(_joined(rest), None if sun[0] is None else _joined(sun)))
-        first, second, drawn = drawings
-        return TextureFilter.learn(first, second, drawn, self._mapping)
+    def _draw_in_steps(
+        self, ids: NDArray[np.int32], samples: int, drawing: int, threads: int
+    ) -> Generator[None, None, Drawn]:
+        draw = partial(self._draw, samples=samples, drawing=drawing)
+        rest, sun = zip(*(yield from _in_steps(draw, ids, threads)), strict=True)
+        return Drawn(_joined(rest), None if sun[0] is None else _joined(sun))
 
     def _level(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
         """Mean luminance by the records alone."""
@@ -223,6 +269,14 @@ def _at_once(steps: Generator[None, None, Result]) -> Result:
         except StopIteration as done:
             result: Result = done.value
             return result
+
+
+def _replace(drawn: Drawn, chosen: NDArray[np.bool_], others: Drawn) -> None:
+    """Put other samples in place of some."""
+    for mine, other in zip(drawn, others, strict=True):
+        if mine is not None and other is not None:
+            for array, values in zip(mine, other, strict=True):
+                array[chosen] = values
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

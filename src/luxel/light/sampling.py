@@ -73,10 +73,14 @@ def draw_paths(world: World, mapping: Mapping, texels: int, samples: int, ids: N
     return found
 
 
-def draw_rays(world: World, sets: RaySets, ids: NDArray[np.int32]) -> Drawn:
-    """Samples by shared rays."""
+def draw_rays(
+    world: World, sets: RaySets, ids: NDArray[np.int32], wanted: NDArray[np.uint8] | None = None
+) -> Drawn:
+    """Samples by shared rays, of all texels or of those whose `wanted` (K, T·T) is not 0."""
+    if wanted is None:
+        wanted = np.ones((1, sets.shape[0] * sets.shape[1]), np.uint8)
     rest = Samples.empty(len(ids), *sets.shape)
     lit = len(world.lights.suns) > 0
     sun = Samples.empty(len(ids) if lit else 0, *sets.shape)
-    gather_texels(world, sets.around, sets.suns, ids, *rest, *sun)
+    gather_texels(world, sets.around, sets.suns, ids, wanted, *rest, *sun)
     return Drawn(rest, sun if lit else None)

@@ -13,6 +13,7 @@ from luxel.errors import InputError
 from luxel.kernels import shade, tiles
 from luxel.kernels.path import World
 from luxel.kernels.tone import Tone, develop_rows
+from luxel.light.in_view import Gaze
 from luxel.light.mapping import Mapping
 from luxel.light.world import make_world
 from luxel.particles import Particles
@@ -48,6 +49,7 @@ __all__ = ["render", "shown_ids", "visible_ids"]
 
 Progress = Callable[[int, int], None]
 _CENTRE = (0.5, 0.5)
+_FAR_AWAY = 1e4  # in normalised units, of which a scene has about two
 Light = Literal["texture", "pixel"]
 
 
@@ -90,7 +92,7 @@ def render(
     light
         ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
     samples
-        Of light: a texel (default 1; in paper mode a square number, default 49) or a pixel (default 64).
+        Of light: a texel (default 4, of what the picture shows; in paper mode a square number, default 49) or a pixel (default 64).
     mode, mapping, seed
         Of the textures that are baked here, see :class:`luxel.TextureSpec`.
     antialias
@@ -142,6 +144,7 @@ def render(
         spec = TextureSpec.usual(
             mode,
             samples,
+            purpose="picture",
             seed=seed,
             mapping=mapping,
         )
@@ -269,9 +272,20 @@ def _table(
     if scene.model == "lambertian":
         return bare_table(count)
     visible = _visible(world, eye, *size, shifts, threads)
-    return bake_with(Baker(scene, spec), visible, progress=progress, threads=threads).snapshot(
-        light_key(scene, spec)
+    baked = bake_with(
+        Baker(scene, spec), visible, progress=progress, threads=threads, gaze=_gaze(eye, visible, count)
     )
+    return baked.snapshot(light_key(scene, spec))
+
+
+def _gaze(eye: tiles.Eye, visible: NDArray[np.int32], count: int) -> Gaze:
+    """Who looks at a picture: the camera; what is not visible hides nothing."""
+    at = eye.origin.astype(np.float64)
+    if eye.orthographic:
+        at = at - _FAR_AWAY * eye.forward
+    shown = np.zeros(count, np.uint8)
+    shown[visible] = 1
+    return Gaze(at.astype(np.float32).reshape(1, 3), shown)
 
 
 def _visible(

@@ -141,7 +141,7 @@ class Session:
         self._baked = series if isinstance(series, Baked) else None
         if self._baked is not None:
             spec = self._baked.spec
-        self.spec = TextureSpec.usual() if spec is None else spec
+        self.spec = TextureSpec.usual(purpose="view") if spec is None else spec
         self.view = view
         count = 0 if threads == 0 else thread_count(threads)
         if not 0 <= bake_budget_s <= 1:
@@ -257,7 +257,7 @@ class Session:
             raise InputError(f"pixels must have shape {visible.shape} as ids have, got {width.shape}")
         spheres = SphereSet.of(lit.scene.particles)
         look = Look.at(spheres, as_vector(eye, "eye"), lit.diagonal, visible, width)
-        if engine.request(lit.key, look.visible, look, client) and self._driver is not None:
+        if engine.request(lit.key, look.visible, look, client, look.unit_eye) and self._driver is not None:
             self._driver.wake()
 
     def snapshot(self, key: str) -> TextureTable:

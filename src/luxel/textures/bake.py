@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from luxel.arrays import as_ids
 from luxel.light.denoise import standard_error
 from luxel.light.fast import FastLight
+from luxel.light.in_view import Gaze
 from luxel.light.lights import luminance_scale
 from luxel.light.mapping import Mapping
 from luxel.light.sampling import draw_paths
@@ -63,8 +64,12 @@ class Baker:
             scene.hidden,
         )
 
-    def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def luminance(
+        self, ids: NDArray[np.int32], gaze: Gaze | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Luminance of particles `ids` (K,), before it is rounded to 8 bits.
+
+        With a `gaze`, ``fast`` mode samples only the texels that are looked at, and its filter tells the rest from them.
 
         Returns
         -------
@@ -74,16 +79,20 @@ class Baker:
         """
         spec = self.spec
         if spec.mode == "fast":
-            return self._fast.luminance(ids)
+            return self._fast.luminance(ids, gaze)
         found = draw_paths(self.world, spec.mapping, spec.texels, spec.samples, ids)
         share = found.exposed / np.float32(spec.samples)
         return np.asarray(found.mean * share, np.float32), standard_error(found, spec.mapping)
 
     def bake_into(
-        self, ids: NDArray[np.int32], codes: NDArray[np.uint8], errors: NDArray[np.float32] | None = None
+        self,
+        ids: NDArray[np.int32],
+        codes: NDArray[np.uint8],
+        errors: NDArray[np.float32] | None = None,
+        gaze: Gaze | None = None,
     ) -> int:
-        """Write codes (K, T, T) and expected errors (K,) of particles `ids` (K,); return how many texels clipped."""
-        luminance, error = self.luminance(ids)
+        """Write codes (K, T, T) and expected errors (K,) of particles `ids` (K,); return how many texels clipped. See :meth:`luminance`."""
+        luminance, error = self.luminance(ids, gaze)
         codes[...], clipped = encode(luminance, self.scale, self.encoding)
         if errors is not None:
             errors[...] = error
@@ -158,9 +167,14 @@ def bake(
 
 
 def bake_with(
-    baker: Baker, ids: NDArray[np.int32], *, progress: Progress | None = None, threads: int | None = None
+    baker: Baker,
+    ids: NDArray[np.int32],
+    *,
+    progress: Progress | None = None,
+    threads: int | None = None,
+    gaze: Gaze | None = None,
 ) -> LuminanceTextures:
-    """Bake particles `ids` with a baker that is already there."""
+    """Bake particles `ids` with a baker that is already there, see :meth:`Baker.luminance`."""
     count, texels = len(ids), baker.spec.texels
     codes = np.zeros((count, texels, texels), np.uint8)
     errors = np.zeros(count, np.float32)
@@ -171,7 +185,7 @@ def bake_with(
     clipped = 0
     pool = ThreadPoolExecutor(workers)
     try:
-        jobs = [pool.submit(baker.bake_into, ids[part], codes[part], errors[part]) for part in parts]
+        jobs = [pool.submit(baker.bake_into, ids[part], codes[part], errors[part], gaze) for part in parts]
         for part, job in zip(parts, jobs, strict=True):
             clipped += _result(job)
             if progress is not None:

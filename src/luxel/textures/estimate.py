@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from luxel.light.in_view import Gaze
 from luxel.light.mapping import texel_weights
 from luxel.textures.bake import Baker
 from luxel.textures.spec import Mode, TextureSpec
@@ -22,7 +23,7 @@ _MANY_SAMPLES: dict[Mode, int] = {"fast": 4, "paper": 9}
 class EstimateBaker:
     """Makes textures of the shape, scale and encoding of `baker`'s from a sample a texel, or a quarter of the texels, filtered and interpolated.
 
-    Whatever the mode of the baker, these are ``fast``. Safe to share between threads; what a texture becomes depends on its particle alone.
+    Whatever the mode of the baker, these are ``fast``. Safe to share between threads; what a texture becomes depends on its particle and the gaze alone.
 
     Parameters
     ----------
@@ -40,9 +41,14 @@ class EstimateBaker:
         self._whole = sampled == texels
         self._places, self._weights = texel_weights(baker.spec.mapping, sampled, texels)
 
-    def luminance(self, ids: NDArray[np.int32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return (K, T, T) luminance and (K,) the standard error expected of an exposed texel, but for what few texels blur."""
-        found, error = self._light.luminance(ids)
+    def luminance(
+        self, ids: NDArray[np.int32], gaze: Gaze | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return (K, T, T) luminance and (K,) the standard error expected of a sampled texel, but for what few texels blur.
+
+        With a `gaze`, only what is looked at is sampled.
+        """
+        found, error = self._light.luminance(ids, gaze)
         if self._whole:
             return found, error
         flat = found.reshape(len(ids), -1)
@@ -53,14 +59,10 @@ class EstimateBaker:
         texels = self._baker.spec.texels
         return total.reshape(len(ids), texels, texels), error
 
-    def bake_into(self, ids: NDArray[np.int32], codes: NDArray[np.uint8]) -> int:
+    def bake_into(self, ids: NDArray[np.int32], codes: NDArray[np.uint8], gaze: Gaze | None = None) -> int:
         """Write codes (K, T, T) of particles `ids` (K,); clipped texels are not counted, since better ones follow."""
-        codes[...], _ = encode(self.luminance(ids)[0], self._baker.scale, self._baker.encoding)
+        codes[...], _ = encode(self.luminance(ids, gaze)[0], self._baker.scale, self._baker.encoding)
         return 0
-
-    def first_light(self, ids: NDArray[np.int32]) -> NDArray[np.float32]:
-        """Return the coarse records of the baker."""
-        return self._baker.first_light(ids)
 
     def preparation(self, threads: int) -> Iterator[None]:
         """Learn the filter, with one thread in short steps."""

@@ -11,13 +11,20 @@ from luxel.errors import InputError
 from luxel.light.mapping import Mapping, mapping_code
 from luxel.scene.scene import Scene
 
-__all__ = ["DEFAULT_SAMPLES", "Mode", "TextureSpec", "light_key"]
+__all__ = ["DEFAULT_SAMPLES", "Mode", "Purpose", "TextureSpec", "light_key"]
 
 Mode = Literal["paper", "fast"]
 
 
-# Samples a texel where nobody says how many: a fast one errs as much as 49 raw ones (`python -m benchmarks.light`).
-DEFAULT_SAMPLES: dict[Mode, int] = {"fast": 1, "paper": 49}
+#: What textures are made for: to be kept, to be looked at while they are refined, or for one picture, of which only what it shows is sampled.
+Purpose = Literal["bake", "view", "picture"]
+
+# Samples a texel where nobody says how many: a fast one errs as much as 49 raw ones, in pictures by 3 levels of 255, four by 2.3 and
+# nine by 2 (`python -m benchmarks.light`).
+DEFAULT_SAMPLES: dict[Mode, dict[Purpose, int]] = {
+    "fast": {"bake": 1, "view": 9, "picture": 4},
+    "paper": {"bake": 49, "view": 49, "picture": 49},
+}
 
 
 @dataclass(frozen=True)
@@ -71,10 +78,12 @@ class TextureSpec:
         mapping_code(self.mapping)
 
     @classmethod
-    def usual(cls, mode: Mode = "fast", samples: int | None = None, **others: Any) -> TextureSpec:
-        """Return a spec with the usual number of samples of its mode, where None are given."""
+    def usual(
+        cls, mode: Mode = "fast", samples: int | None = None, *, purpose: Purpose = "bake", **others: Any
+    ) -> TextureSpec:
+        """Return a spec with the usual number of samples of its mode and purpose, where None are given."""
         if samples is None:
-            samples = DEFAULT_SAMPLES.get(mode, 1)  # an unknown mode is refused in one place
+            samples = DEFAULT_SAMPLES[mode][purpose] if mode in DEFAULT_SAMPLES else 1  # refused in one place
         return cls(mode=mode, samples=samples, **others)
 
     @property
