@@ -13,9 +13,12 @@ from benchmarks.light_scenes import DataSet
 from benchmarks.light_speed import Rows
 from benchmarks.scenes import plate_camera
 from luxel.light.fast import in_batches
+from luxel.light.in_view import Gaze
+from luxel.picture.drawing import make_eye, make_gaze
 from luxel.picture.raytrace import render, visible_ids
 from luxel.textures.bake import Baker, bake_with
 from luxel.textures.spec import TextureSpec
+from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import thread_count
 
 _VIEWS = 9
@@ -66,10 +69,15 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
     baker.prepare()
     prepare_s = perf_counter() - start
     everyone = np.arange(len(data.particles), dtype=np.int32)
-    for what, chosen in (("visible set", ids), (f"all {len(everyone):,}", everyone)):
-        took, how = _bake_s(baker, chosen, patience_s)
+    gaze = _gaze(data, camera, ids)
+    for what, chosen, looked_at in (
+        ("visible set, texels in view", ids, gaze),
+        ("visible set, whole textures", ids, None),
+        (f"all {len(everyone):,}", everyone, None),
+    ):
+        took, how = _bake_s(baker, chosen, patience_s, looked_at)
         remark = f"{prepare_s:.2f} s preparation; {1e6 * took / len(chosen):.0f} us a texture, {how}"
-        row(f"{what} lit at default quality", prepare_s + took, "s", remark)
+        row(f"{what}, lit by one sample a texel", prepare_s + took, "s", remark)
 
     size = (_NEW_VIEW_SIDE, _NEW_VIEW_SIDE)
     textures = bake_with(baker, visible_ids(scene, camera, size, antialias=3))
@@ -88,7 +96,7 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
         )
 
     size = (picture_side, picture_side)
-    textures = bake_with(baker, visible_ids(scene, camera, size, antialias=3))
+    visible = visible_ids(scene, camera, size, antialias=3)
     view = luxel.View(camera=camera)
     common: dict[str, Any] = {"size": size, "antialias": 3, "colorbar": False}
     start = perf_counter()
@@ -97,26 +105,46 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
     covered = truths[0].ids >= 0
     a, b = (t.array[..., :3].astype(np.float64)[covered] for t in truths)
     truth, noise = 0.5 * (a + b), ((a - b) ** 2).mean() / 4
-    picture = render(scene, view, textures=textures, **common).array[..., :3].astype(np.float64)[covered]
-    mean_square = ((picture - truth) ** 2).mean()
-    row(
-        f"picture error at {picture_side}², RMS over covered pixels",
-        float(np.sqrt(max(0.0, mean_square - noise))),
-        "levels",
-        f"mean {(picture - truth).mean():+.2f}; truth {truth_samples} paths a pixel twice, {took:.0f} s each, "
-        f"its noise of {np.sqrt(noise):.2f} subtracted; {covered.mean():.0%} covered",
+    said = (
+        f"truth {truth_samples} paths a pixel twice, {took:.0f} s each, its noise of {np.sqrt(noise):.2f} subtracted; "
+        f"{covered.mean():.0%} covered"
     )
+    gaze = _gaze(data, camera, visible)
+    for what, spec, looked_at in (
+        ("texels in view, 1 sample", TextureSpec.usual(), gaze),
+        ("whole textures, 1 sample", TextureSpec.usual(), None),
+        ("a single picture's default", TextureSpec.usual(purpose="picture"), gaze),
+        ("a view's default, refined", TextureSpec.usual(purpose="view"), None),
+    ):
+        baker = Baker(scene, spec)
+        baker.prepare()
+        start = perf_counter()
+        textures = bake_with(baker, visible, gaze=looked_at)
+        took = perf_counter() - start
+        picture = render(scene, view, textures=textures, **common).array[..., :3].astype(np.float64)[covered]
+        row(
+            f"picture error at {picture_side}², {what}",
+            float(np.sqrt(max(0.0, ((picture - truth) ** 2).mean() - noise))),
+            "levels",
+            f"{spec.samples} a texel, {took:.1f} s for {len(visible):,}; mean {(picture - truth).mean():+.2f}; {said}",
+        )
+        said = "as above"
     return rows
 
 
-def _bake_s(baker: Baker, ids: NDArray[np.int32], patience_s: float) -> tuple[float, str]:
+def _gaze(data: DataSet, camera: luxel.Camera, visible: NDArray[np.int32]) -> Gaze:
+    """Who looks at a square picture."""
+    return make_gaze(make_eye(camera, SphereSet.of(data.particles), 1.0), visible, len(data.particles))
+
+
+def _bake_s(baker: Baker, ids: NDArray[np.int32], patience_s: float, gaze: Gaze | None) -> tuple[float, str]:
     """Seconds to bake `ids` in their order, as bakes do, extrapolated when they are more than `patience_s`; and which it is."""
     done, took = 0, 0.0
     while done < len(ids):
         # Large parts: whatever a bake costs by itself must not be paid often.
         part = ids[done : done + max(4096, len(ids) // 16)]
         start = perf_counter()
-        bake_with(baker, part)
+        bake_with(baker, part, gaze=gaze)
         last = (perf_counter() - start) / len(part)
         took += last * len(part)
         done += len(part)

@@ -60,6 +60,7 @@ class FakeBaker:
         self.steps, self.step_s = steps, step_s
         self.bad = set(bad)
         self.batches: list[list[int]] = []
+        self.gazes: list[Gaze | None] = []  # of each batch
         self.work: list[tuple[str, list[int]]] = []  # all that was asked of it, in order
         self.lock = threading.Lock()
 
@@ -79,6 +80,7 @@ class FakeBaker:
     def bake_into(self, ids: np.ndarray, codes: np.ndarray, gaze: Gaze | None = None) -> int:
         with self.lock:
             self.batches.append(ids.tolist())
+            self.gazes.append(None if gaze is None else Gaze(gaze.eyes.copy(), gaze.shown.copy()))
             self.work.append(("bake", ids.tolist()))
         if self.clock is not None:
             self.clock.now_s += self.texture_s * len(ids)
@@ -150,7 +152,7 @@ class Stage:
     def select(self, key: str) -> None:
         self.engine.select(key, self.count, 1.0, "linear", lambda: self.make(key))
 
-    def request(self, key: str, ids, distance=None, client: str = "", pixels=None) -> int:
+    def request(self, key: str, ids, distance=None, client: str = "", pixels=None, eye=None) -> int:
         """Sight `ids`; distance and pixels are arrays beside them."""
         ids = np.asarray(ids, dtype=np.int32)
         far, wide = np.zeros(self.count), np.zeros(self.count)
@@ -160,7 +162,7 @@ class Stage:
         def measure(some):
             return far[some], None if pixels is None else wide[some]
 
-        return self.engine.request(key, np.sort(ids), measure, client)
+        return self.engine.request(key, np.sort(ids), measure, client, eye)
 
     def queued(self, key: str) -> int:
         self.engine.settle()

@@ -20,6 +20,7 @@ from luxel.kernels.lookup import opened_words
 from luxel.kernels.path import World
 from luxel.kernels.tone import SRGB_CELLS, Tone
 from luxel.kernels.tree_trace import Tree
+from luxel.light.in_view import Gaze
 from luxel.light.lights import scene_white
 from luxel.light.mapping import mapping_code
 from luxel.picture.seen import SeenMarks
@@ -45,6 +46,7 @@ __all__ = [
     "draw_rays",
     "id_at",
     "make_eye",
+    "make_gaze",
     "make_skin",
     "make_tone",
     "part_of",
@@ -60,6 +62,7 @@ NO_NEAREST: Nearest = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
 NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
 NO_SUMS: NDArray[np.float32] = np.empty((0, 0, 5), np.float32)
 
+_FAR_AWAY = 1e4  # in normalised units, of which a scene has about two
 _NO_MARKS = np.empty(0, np.int64), np.empty(0, np.int64)
 _BAND = 4 * tiles.TILE  # rows a task
 _MOST_PIXELS = 2**28
@@ -253,6 +256,16 @@ def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:
         forward.astype(np.float32),
         camera.orthographic,
     )
+
+
+def make_gaze(eye: tiles.Eye, visible: NDArray[np.int32], count: int) -> Gaze:
+    """Return who looks at a picture in which those `visible` of `count` particles are."""
+    at = eye.origin.astype(np.float64)
+    if eye.orthographic:
+        at = at - _FAR_AWAY * eye.forward
+    shown = np.zeros(count, np.uint8)
+    shown[visible] = 1
+    return Gaze(at.astype(np.float32).reshape(1, 3), shown)
 
 
 def part_of(

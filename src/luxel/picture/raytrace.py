@@ -13,7 +13,6 @@ from luxel.errors import InputError
 from luxel.kernels import shade, tiles
 from luxel.kernels.path import World
 from luxel.kernels.tone import Tone, develop_rows
-from luxel.light.in_view import Gaze
 from luxel.light.mapping import Mapping
 from luxel.light.world import make_world
 from luxel.particles import Particles
@@ -28,6 +27,7 @@ from luxel.picture.drawing import (
     draw_folded,
     draw_rays,
     make_eye,
+    make_gaze,
     make_skin,
     make_tone,
     ray_shifts,
@@ -49,7 +49,6 @@ __all__ = ["render", "shown_ids", "visible_ids"]
 
 Progress = Callable[[int, int], None]
 _CENTRE = (0.5, 0.5)
-_FAR_AWAY = 1e4  # in normalised units, of which a scene has about two
 Light = Literal["texture", "pixel"]
 
 
@@ -273,19 +272,9 @@ def _table(
         return bare_table(count)
     visible = _visible(world, eye, *size, shifts, threads)
     baked = bake_with(
-        Baker(scene, spec), visible, progress=progress, threads=threads, gaze=_gaze(eye, visible, count)
+        Baker(scene, spec), visible, progress=progress, threads=threads, gaze=make_gaze(eye, visible, count)
     )
     return baked.snapshot(light_key(scene, spec))
-
-
-def _gaze(eye: tiles.Eye, visible: NDArray[np.int32], count: int) -> Gaze:
-    """Who looks at a picture: the camera; what is not visible hides nothing."""
-    at = eye.origin.astype(np.float64)
-    if eye.orthographic:
-        at = at - _FAR_AWAY * eye.forward
-    shown = np.zeros(count, np.uint8)
-    shown[visible] = 1
-    return Gaze(at.astype(np.float32).reshape(1, 3), shown)
 
 
 def _visible(
