@@ -56,7 +56,7 @@ def test_the_page_asks_again_for_what_it_has_an_estimate_of(browser: Browser) ->
     with shown(browser, Slow, estimates=True) as (page, session):
         try:
             wait(page, "s.estimates > 0")
-            page.wait("document.getElementById('counts').textContent.includes('estimates')", WAIT_S)
+            page.wait("document.getElementById('counts').textContent.includes('to be refined')", WAIT_S)
             asked = page.run("luxel.app.light.requests.sentAt")
             page.wait(f"luxel.app.light.requests.sentAt > {asked}", WAIT_S)
         finally:

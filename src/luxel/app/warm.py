@@ -47,6 +47,7 @@ def _picture() -> None:
     from luxel.kernels.path import path_tail
     from luxel.kernels.tree_trace import scratch
     from luxel.light.denoise import TextureFilter
+    from luxel.light.in_view import Gaze, texels_looked_at
     from luxel.light.sampling import Drawn, Samples
     from luxel.light.world import make_world
     from luxel.picture.raytrace import render
@@ -62,6 +63,10 @@ def _picture() -> None:
     drawn = Drawn(Samples(noise, noise, np.ones(shape, np.uint32)), None)
     TextureFilter.learn(drawn, drawn, drawn, "latlong")
     render(scene.with_changes(model="lambertian"), size=(16, 16), threads=1)
+    shown = np.ones(len(scene.particles), np.uint8)
+    texels_looked_at(
+        world, "latlong", 4, np.arange(2, dtype=np.int32), Gaze(np.zeros((1, 3), np.float32), shown)
+    )
 
 
 def _scene(side: int) -> Scene:

@@ -9,7 +9,7 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.simd import LANES, fma, fnma, load, splat, store
 
-__all__ = ["WIDTH", "Learned", "add_filled", "error_variances", "fill_unknown", "filter_textures"]
+__all__ = ["WIDTH", "Learned", "error_variances", "fill_unknown", "filter_textures"]
 
 #: Room for so many directions.
 WIDTH = 2 * LANES
@@ -241,16 +241,3 @@ def error_variances(variance, exposed, areas, found):
                 total += areas[t] * variance[n, t] / exposed[n, t]
                 area += areas[t]
         found[n] = total / max(area, 1e-9)
-
-
-@kernel
-def add_filled(mean, exposed, beside, luminance):
-    """Add textures (K, D), as `fill_unknown` completes them, to others."""
-    texels = mean.shape[1]
-    ring, have, row = np.zeros(texels, np.int32), np.zeros(texels, np.bool_), np.zeros(texels, np.float32)
-    for n in range(mean.shape[0]):
-        for t in range(texels):
-            row[t], have[t] = mean[n, t], exposed[n, t] > 0
-        _fill(row, have, beside, ring)
-        for t in range(texels):
-            luminance[n, t] += row[t]

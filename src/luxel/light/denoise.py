@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from luxel.kernels.filter import (
     WIDTH,
     Learned,
-    add_filled,
     error_variances,
     fill_unknown,
     filter_textures,
@@ -141,7 +140,9 @@ class TextureFilter:
         found, variance = self._filtered(drawn.rest)
         if drawn.sun is not None:
             sun = _rows(drawn.sun)
-            add_filled(sun.mean, sun.exposed, self._beside, found)
+            plain = sun.mean.copy()
+            fill_unknown(plain, sun.exposed, self._beside)
+            found += plain
             variance += np.float32(self.sun_gain) * _error_variance(sun, self.weights)
         luminance = found.reshape(drawn.rest.mean.shape)
         if len(self.power) == 0:

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ _BATCH_COUNT = 32
 _STEP_COUNT = 8  # a few milliseconds
 # The filter learns from this many lit textures, sampled at least so well.
 _TRAINING_COUNT = 512
-_TRAINING_SAMPLES = 9
+_TRAINING_SAMPLES, _FEW_TRAINING_SAMPLES = 9, 4
 # Samples of sunlight a texel: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
 _SUN_SAMPLES, _MORE_SUN_SAMPLES = 16, 64
 _TRAINING_SETS = 16
@@ -46,14 +46,6 @@ _DIM_ERROR, _DIM_SHARE = 0.002, 1.5
 _DRAWN, _FIRST, _SECOND = 0, 1, 2
 
 
-class _Lesson(NamedTuple):
-    """Particles (K,) that filters learn from, and two independent drawings of their textures."""
-
-    chosen: NDArray[np.int32]
-    first: Drawn
-    second: Drawn
-
-
 class FastLight:
     """Fast textures of one world. Safe to share between threads; what a texture becomes depends on its particle alone.
 
@@ -67,8 +59,6 @@ class FastLight:
         (N,) bool: particles that do not exist in this world, from which the filter does not learn.
     book
         Coarse records of the world, if there are some already.
-    lessons
-        What filters of the world have learned from, if there are some already.
     """
 
     def __init__(
@@ -82,7 +72,6 @@ class FastLight:
         hidden: NDArray[np.bool_] | None = None,
         *,
         book: RecordBook | None = None,
-        lessons: dict[tuple[int, int], _Lesson] | None = None,
     ) -> None:
         self._hidden = hidden
         self._world, self._scale, self._seed = world, scale, seed
@@ -91,11 +80,10 @@ class FastLight:
         self._making = threading.Lock()
         self._sets: dict[tuple[int, int, int], RaySets] = {}
         self._book = RecordBook(world) if book is None else book
-        self._lessons = {} if lessons is None else lessons
         self._filter: TextureFilter | None = None
 
     def coarser(self, texels: int, samples: int) -> FastLight:
-        """Return light of the same world and seed at another resolution; coarse records and what filters learn from are shared."""
+        """Return light of the same world and seed at another resolution; coarse records are shared."""
         return FastLight(
             self._world,
             self._scale,
@@ -105,7 +93,6 @@ class FastLight:
             self._seed,
             self._hidden,
             book=self._book,
-            lessons=self._lessons,
         )
 
     def prepare(self, threads: int) -> None:
@@ -200,16 +187,14 @@ class FastLight:
 
     def _learn(self, threads: int) -> Generator[None, None, TextureFilter]:
         """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
-        well = max(_TRAINING_SAMPLES, min(self._samples, 4 * _TRAINING_SAMPLES))
-        lesson = self._lessons.get((self._texels, well))
-        if lesson is None:
-            chosen = yield from self._choose(threads)
-            first = yield from self._draw_in_steps(chosen, well, _FIRST, threads)
-            second = yield from self._draw_in_steps(chosen, well, _SECOND, threads)
-            lesson = _Lesson(chosen, first, second)
-            self._lessons[self._texels, well] = lesson
-        drawn = yield from self._draw_in_steps(lesson.chosen, self._samples, _DRAWN, threads)
-        return TextureFilter.learn(lesson.first, lesson.second, drawn, self._mapping)
+        chosen = yield from self._choose(threads)
+        # What is known better than so is of next to no use to a single sample.
+        least = _TRAINING_SAMPLES if self._samples > 1 else _FEW_TRAINING_SAMPLES
+        well = max(least, min(self._samples, 4 * _TRAINING_SAMPLES))
+        first = yield from self._draw_in_steps(chosen, well, _FIRST, threads)
+        second = yield from self._draw_in_steps(chosen, well, _SECOND, threads)
+        drawn = yield from self._draw_in_steps(chosen, self._samples, _DRAWN, threads)
+        return TextureFilter.learn(first, second, drawn, self._mapping)
 
     def _choose(self, threads: int) -> Generator[None, None, NDArray[np.int32]]:
         """Return lit particles (K,) to learn from, or any if too few are lit."""

@@ -68,8 +68,9 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
-    /** When a slow renderer has given way to first light; null before it has begun to. @type {number | null} */
-    this.firstLightAt = null;
+    /** Whether a slow renderer gives way to first light, and until when. @type {"not yet" | "now" | "has"} */
+    this.way = "not yet";
+    this.wayEndsAt = 0;
     this.recent = new Recent(0);
     this.recentStep = 1;
     this.turn = 0;
@@ -107,7 +108,7 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
-    this.firstLightAt = null;
+    this.way = "not yet";
   }
 
   get restStep() {
@@ -152,8 +153,8 @@ export class Film {
     } else if (pausing) {
       return true;
     } else if (!moving && this.givesWay(now)) {
-      if (now < /** @type {number} */ (this.firstLightAt)) return true;
-      this.firstLightAt = -Infinity;
+      if (now < this.wayEndsAt) return true;
+      this.way = "has";
       if (pass.light !== this.light) pass = this.begin(FULL, 1);
     } else if (!(slow && !this.settled) && pass.light !== this.light && pass.count >= pass.want) {
       pass = this.begin(pass, Math.max(1, Math.min(8, Math.floor(SMOOTH_MS / renderer.frameMs))));
@@ -188,10 +189,11 @@ export class Film {
    */
   givesWay(now) {
     const { renderer } = this;
-    if (this.firstLightAt === null && renderer.frameMs > SLOW_MS && this.centralKnown && !renderer.readback.pending && this.awaited()) {
-      this.firstLightAt = now + LIGHT_PAUSE * renderer.frameMs;
+    if (this.way === "not yet" && renderer.frameMs > SLOW_MS && this.centralKnown && !renderer.readback.pending && this.awaited()) {
+      this.way = "now";
+      this.wayEndsAt = now + LIGHT_PAUSE * renderer.frameMs;
     }
-    return this.firstLightAt !== null && this.firstLightAt > -Infinity;
+    return this.way === "now";
   }
 
   /** What there is time for while the camera moves. */

@@ -58,7 +58,7 @@ export class Notices {
       parts.push(ready >= visible ? "baked light" : `${n(ready)} with baked light`);
     } else {
       parts.push(ready >= visible ? "all lit" : `${n(ready)} lit`);
-      if (estimates) parts.push(`${n(estimates)} estimates`);
+      if (estimates) parts.push(`${n(estimates)} to be refined`);
       if (coarse) parts.push(`${n(coarse)} in first light`);
       if (stale) parts.push(`${n(stale)} in the light before`);
       if (this.status?.queued) parts.push(`${n(this.status.queued + this.status.baking)} queued`);
