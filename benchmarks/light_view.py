@@ -53,7 +53,9 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
         "ms",
         f"{len(ids):,} visible",
     )
-    luxel.bake(scene, ids[:32], samples=1, mode="fast")  # nothing is compiled under the clock
+    gaze = _gaze(data, camera, ids)
+    # nothing is compiled under the clock
+    bake_with(Baker(scene, TextureSpec.usual()), ids[:32], gaze=gaze)
 
     start = perf_counter()
     in_batches(Baker(scene, TextureSpec(mode="fast")).first_light, ids, thread_count(None))
@@ -69,7 +71,6 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
     baker.prepare()
     prepare_s = perf_counter() - start
     everyone = np.arange(len(data.particles), dtype=np.int32)
-    gaze = _gaze(data, camera, ids)
     for what, chosen, looked_at in (
         ("visible set, texels in view", ids, gaze),
         ("visible set, whole textures", ids, None),

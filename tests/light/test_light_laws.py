@@ -203,10 +203,13 @@ def test_errors_of_identical_neighbours_are_independent(mode, kind):
         particles, ids = clusters(edge)
         scene = luxel.Scene(particles, (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 2.0)))
     truth = Baker(scene, TextureSpec(mode="paper", samples=1024, seed=5)).luminance(ids[:4])[0].mean(axis=0)
-    luminance = Baker(scene, TextureSpec(mode=mode, samples=4)).luminance(ids)[0]
-    error = (luminance - luminance.mean(axis=0)).reshape(edge, edge, -1)
-    for a, b in ((error[1:], error[:-1]), (error[:, 1:], error[:, :-1])):
-        assert abs((a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum())) < 0.1
+    found = []  # a hundred textures alone give each of these a standard deviation of 0.045
+    for seed in range(4):
+        luminance = Baker(scene, TextureSpec(mode=mode, samples=4, seed=seed)).luminance(ids)[0]
+        error = (luminance - luminance.mean(axis=0)).reshape(edge, edge, -1)
+        for a, b in ((error[1:], error[:-1]), (error[:, 1:], error[:, :-1])):
+            found.append((a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum()))
+    assert abs(np.mean(found)) < 0.06
     if mode == "paper":
         # Independent errors average out: the mean of a hundred textures is ten times closer to the truth.
         single = np.sqrt(((luminance - truth) ** 2).mean())

@@ -83,7 +83,7 @@ def fast_and_paths(scene, samples):
     mean = rest.mean if sun is None else rest.mean + sun.mean
     clear = (paths.exposed == samples) & (rest.exposed == 16)
     if sun is not None:
-        clear &= sun.exposed == 16
+        clear &= sun.exposed == sun.exposed.max()
     seen = np.flatnonzero(clear.sum(axis=(1, 2)) > 60)
     assert len(seen) > 25
     return np.array([(mean[k][clear[k]].mean(), paths.mean[k][clear[k]].mean()) for k in seen]).T

@@ -28,8 +28,8 @@ _STEP_COUNT = 8  # a few milliseconds
 # The filter learns from this many lit textures, sampled at least so well.
 _TRAINING_COUNT = 512
 _TRAINING_SAMPLES, _FEW_TRAINING_SAMPLES = 9, 4
-# Samples of sunlight a texel: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
-_SUN_SAMPLES, _MORE_SUN_SAMPLES = 16, 64
+# Samples of sunlight a texel, from so many samples of other light on: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
+_SUN_SAMPLES = ((9, 64), (4, 32), (1, 16))
 _TRAINING_SETS = 16
 # Roulette spares paths that weigh so much: half as many paths that all bring their share home are less noisy than twice
 # as many of which three in ten bring nothing.
@@ -164,7 +164,8 @@ class FastLight:
 
     def _ray_sets(self, samples: int, drawing: int, sun_samples: int | None = None) -> RaySets:
         if sun_samples is None:
-            sun_samples = _SUN_SAMPLES if samples <= _SUN_SAMPLES else _MORE_SUN_SAMPLES
+            known = 1 if drawing else samples  # training has textures enough to average over
+            sun_samples = next(many for least, many in _SUN_SAMPLES if known >= least)
         key = (samples, drawing, sun_samples)
         with self._making:  # all threads ask for the same sets at once, and making them is slow
             if key not in self._sets:
