@@ -128,7 +128,7 @@ def latency(asks: int) -> list[Row]:
 
 def idle(seconds: float) -> Row:
     """Share of a core that a server takes whose page has all it wants."""
-    with Session(plate(20_000)) as session, _served(session) as viewer:
+    with Session(plate(20_000), spec=TextureSpec.usual()) as session, _served(session) as viewer:
         client = Client(viewer, confirms=True)
         key = client.next(protocol.LightState).key
         client.send(protocol.Sighted(key, np.arange(2000, dtype=np.int32), (0.0, 0.0, 2.0)))

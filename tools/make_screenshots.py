@@ -57,7 +57,11 @@ def _rest(page: Page) -> None:
     page.wait(
         "luxel.state()",
         PATIENCE_S,
-        lambda s: s["samples"] >= 8 and (s["beside"] is None or s["beside"]["ready"] >= s["visible"]),
+        lambda s: (
+            s["samples"] >= 8
+            and s["estimates"] == 0
+            and (s["beside"] is None or s["beside"]["ready"] >= s["visible"])
+        ),
     )
 
 

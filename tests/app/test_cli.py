@@ -353,6 +353,9 @@ def test_demo_render_draws_the_same_picture(tmp_path, rendered):
     (call,) = rendered
     assert call["scene"].particles is demo_particles()
     assert call["view"].to_json() == demo_view().with_changes(colormap="magma").to_json()
+    assert call["samples"] == 2
+    assert run("demo", "--render", tmp_path / "b.png", "--size", "32x18", "--mode", "paper") == 0
+    assert rendered[-1]["samples"] is None
 
 
 def test_demo_data():

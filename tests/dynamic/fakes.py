@@ -104,11 +104,14 @@ class Stage:
         estimates: bool = False,
         texels: int = TEXELS,
         engine: dict[str, object] | None = None,
+        components: int = 0,
         **baker: object,
     ) -> None:
         self.count = count
         self.clock = clock or Clock()
-        self.cache = TextureCache(texels, bytes_for(capacity, texels, count), shards=shards)
+        self.cache = TextureCache(
+            texels, bytes_for(capacity, texels, count), shards=shards, components=components
+        )
         self.engine = Engine(self.cache, threads=threads, clock=self.clock, **(engine or {}))
         self.bakers: dict[str, FakeBaker] = {}
         self.estimators: dict[str, FakeBaker] = {}

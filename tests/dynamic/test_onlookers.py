@@ -6,6 +6,7 @@ import pytest
 import luxel
 from luxel.session import Session
 from luxel.textures.bake import Baker
+from luxel.textures.estimate import EstimateBaker
 from luxel.textures.spec import TextureSpec
 from tests.dynamic.fakes import Stage
 from tests.scenes import lattice
@@ -29,6 +30,7 @@ def gazes(stage, key="a"):
 def test_estimates_are_told_who_looks_and_what_is_shown(stage):
     stage.request("a", [3, 5, 900], eye=HERE)
     stage.engine.wait()
+    assert gazes(stage)
     for gaze in gazes(stage):
         np.testing.assert_array_equal(gaze.eyes, [HERE])
         assert np.flatnonzero(gaze.shown).tolist() == [3, 5, 900]
@@ -71,6 +73,28 @@ def test_where_somebody_does_not_say_from_where_or_many_look_estimates_are_whole
     assert gazes(stage)[-1] is None
 
 
+def test_another_time_step_may_have_more_particles(stage):
+    stage.request("a", [3, 999], eye=HERE)
+    stage.engine.wait()
+    stage.count = 1500
+    stage.select("b")
+    stage.request("b", [4, 1400], eye=HERE)
+    stage.engine.wait()
+    assert len(gazes(stage, "b")[-1].shown) == 1500
+    assert np.flatnonzero(gazes(stage, "b")[-1].shown).tolist() == [4, 1400]
+
+
+@pytest.mark.parametrize("how", [{"engine": {"small_pixels": 6.0}}, {"components": 2}])
+def test_estimates_that_stay_or_that_a_basis_is_learnt_from_are_whole(how):
+    stage = Stage(estimates=True, **how)
+    stage.select("a")
+    stage.request("a", [3, 5], pixels=[2.0, 30.0], eye=HERE)
+    stage.engine.wait()
+    assert gazes(stage)
+    assert set(gazes(stage)) == {None}
+    stage.engine.close()
+
+
 def test_each_light_has_its_own_onlookers(stage):
     stage.request("a", [3], eye=HERE, client="one")
     stage.engine.wait()
@@ -100,8 +124,7 @@ def test_a_session_samples_what_is_looked_at_first_and_ends_with_whole_textures(
         assert session.wait()
         assert sorted(first) == ids.tolist()
         whole = np.empty((len(ids), 16, 16), np.uint8)
-        one = Baker(session.scene, TextureSpec(mode="fast", samples=1))
-        one.bake_into(ids, whole)
+        EstimateBaker(Baker(session.scene, spec), whole=True).bake_into(ids, whole)
         alike = np.array([np.array_equal(first[i], whole[i]) for i in ids])
         assert alike.mean() < 0.5  # what faces away was guessed
         expected = luxel.bake(session.scene, ids, samples=4, mode="fast")

@@ -207,9 +207,9 @@ def test_errors_of_identical_neighbours_are_independent(mode, kind):
     for seed in range(4):
         luminance = Baker(scene, TextureSpec(mode=mode, samples=4, seed=seed)).luminance(ids)[0]
         error = (luminance - luminance.mean(axis=0)).reshape(edge, edge, -1)
-        for a, b in ((error[1:], error[:-1]), (error[:, 1:], error[:, :-1])):
-            found.append((a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum()))
-    assert abs(np.mean(found)) < 0.06
+        pairs = (error[1:], error[:-1]), (error[:, 1:], error[:, :-1])
+        found.append([(a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum()) for a, b in pairs])
+    assert (np.abs(np.mean(found, axis=0)) < 0.08).all()
     if mode == "paper":
         # Independent errors average out: the mean of a hundred textures is ten times closer to the truth.
         single = np.sqrt(((luminance - truth) ** 2).mean())

@@ -165,7 +165,7 @@ def export(
     target, view = looked_at(target, view, radii=radii, colors=colors, color_by=color_by, scalars=scalars)
     report = progress or (lambda stage, done, total: None)
     opened = isinstance(target, Session)
-    session = target if opened else make_session(target, view, 0, session_options)
+    session = target if opened else make_session(target, view, 0, session_options, TextureSpec.usual())
     try:
         view = view or session.view or View()
         content = _Content(session, view, keep, codec, visible_only, title, threads, report)

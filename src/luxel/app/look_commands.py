@@ -176,7 +176,7 @@ def _demo(options: argparse.Namespace) -> None:
 
     if options.sun is None and options.view_file is None:
         options.sun = [SunOption(155.0, 32.0)]  # to the left of the preset's camera
-    if options.samples is None and options.output is not None:
+    if options.samples is None and options.output is not None and options.mode != "paper":
         options.samples = 2  # a good picture of this data set, and nobody wants to wait for a first one
     look = build_look(options, demo_view())
     particles = demo_particles()

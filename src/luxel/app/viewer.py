@@ -26,6 +26,7 @@ from luxel.errors import InputError, LuxelError
 from luxel.scene.from_arrays import looked_at
 from luxel.scene.view import View
 from luxel.session import Session
+from luxel.textures.spec import TextureSpec
 from luxel.textures.store.reader import Baked
 
 if TYPE_CHECKING:
@@ -227,8 +228,14 @@ def view(
     return viewer
 
 
-def make_session(target: Any, view: View | None, threads: int | None, options: dict[str, Any]) -> Session:
-    """Return a session of whatever :func:`view` takes; `options` are those of :class:`luxel.Session`."""
+def make_session(
+    target: Any,
+    view: View | None,
+    threads: int | None,
+    options: dict[str, Any],
+    spec: TextureSpec | None = None,
+) -> Session:
+    """Return a session of whatever :func:`view` takes; `options` are those of :class:`luxel.Session`, `spec` is for want of another."""
     if isinstance(target, str | os.PathLike) or (
         isinstance(target, list | tuple) and isinstance(target[0], str)
     ):
@@ -244,7 +251,7 @@ def make_session(target: Any, view: View | None, threads: int | None, options: d
         raise InputError(
             f"{', '.join(options)}: the light of {target.path} is baked in — bake again with another, or leave these out"
         )
-    return Session(target, view=view, threads=threads, **options)
+    return Session(target, view=view, threads=threads, **{"spec": spec, **options})
 
 
 def _listen(host: str, port: int) -> socket.socket:

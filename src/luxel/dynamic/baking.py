@@ -125,7 +125,10 @@ class Baking:
         codes = np.empty((len(ids), self._cache.texels, self._cache.texels), dtype=np.uint8)
         make: Callable[[Ids, NDArray[np.uint8]], int] = shop.bakers.textures.bake_into
         if grade == ESTIMATE and shop.bakers.estimates is not None:
-            make = functools.partial(shop.bakers.estimates.bake_into, gaze=self._onlookers.gaze(light))
+            # Not where estimates are all that small particles get, or what a basis is learnt from.
+            guess = desk.small_pixels == 0 and self._cache.components == 0
+            gaze = self._onlookers.gaze(light) if guess else None
+            make = functools.partial(shop.bakers.estimates.bake_into, gaze=gaze)
 
         def bake(first: int, last: int) -> int:
             some, room = ids[first:last], codes[first:last]

@@ -133,7 +133,7 @@ class TextureCache:
             raise InputError(f"a cache needs texels >= 1 and max_bytes >= 1, got {texels} and {max_bytes}")
         if shards is not None and not (1 <= shards <= 256 and shards & (shards - 1) == 0):
             raise InputError(f"shards must be a power of two in 1..256, got {shards}")
-        self.texels = texels
+        self.texels, self.components = texels, components
         self.max_bytes = max_bytes
         self.mapping: Mapping = mapping
         self.sightings: dict[str, Sighting] = {}  # the latest of every client; written by frames

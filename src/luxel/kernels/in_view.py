@@ -6,7 +6,7 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import float_lines
-from luxel.kernels.near import RAY, near_scratch, unblocked
+from luxel.kernels.near import RAY, near_scratch, nearest
 from luxel.kernels.rays import neighbours
 from luxel.kernels.simd import LANES, bits, fma, load, splat, store, vsqrt
 from luxel.kernels.tree_trace import scratch
@@ -18,11 +18,12 @@ _ALL = (1 << LANES) - 1
 
 
 @kernel(borrows=True)
-def _towards(middles, o, rays, ex, ey, ez):
-    """Aim rays from the sixteen points of the unit sphere at word `o` at an eye; returns the bits of those that face it."""
+def _towards(middles, o, rays, far, ex, ey, ez):
+    """Aim rays from the sixteen points of the unit sphere at word `o` at an eye, `far` away; returns the bits of those that face it."""
     ax, ay, az = load(middles, o), load(middles, o + LANES), load(middles, o + 2 * LANES)
     dx, dy, dz = splat(ex) - ax, splat(ey) - ay, splat(ez) - az
-    scale = splat(_ONE) / vsqrt(fma(dx, dx, fma(dy, dy, dz * dz)))
+    length = vsqrt(fma(dx, dx, fma(dy, dy, dz * dz)))
+    scale = splat(_ONE) / length
     dx, dy, dz = dx * scale, dy * scale, dz * scale
     w = fma(ax, dx, fma(ay, dy, az * dz))
     store(rays, 0, ax)
@@ -32,6 +33,7 @@ def _towards(middles, o, rays, ex, ey, ez):
     store(rays, 4 * LANES, dy)
     store(rays, 5 * LANES, dz)
     store(rays, 6 * LANES, w)
+    store(far, 0, length)
     return bits(w > splat(_ZERO))
 
 
@@ -44,6 +46,13 @@ def _choose_shown(near, known, shown):
             near.chosen[found] = k
             found += 1
     return found
+
+
+@kernel(borrows=True)
+def _unhidden(near, found, rays, far):
+    """Which of sixteen rays nothing chosen meets before they have come so far, as bits."""
+    nearest(near, found, rays, 0, 1, 0)
+    return bits(load(near.hit_t, 0) >= load(far, 0))
 
 
 @kernel(borrows=True)
@@ -74,7 +83,7 @@ def texels_in_view(world, middles, beside, ids, eyes, shown, wanted):
     """
     work = scratch(world.tree.stack_size)
     near = near_scratch(LANES)
-    rays = float_lines(RAY)
+    rays, far = float_lines(RAY), float_lines(LANES)
     after = np.zeros(wanted.shape[1], np.uint8)
     texels = wanted.shape[1]
     for k in range(ids.shape[0]):
@@ -98,9 +107,9 @@ def texels_in_view(world, middles, beside, ids, eyes, shown, wanted):
                 if any_seen:
                     break
                 for first in range(0, texels, LANES):
-                    facing = _towards(middles, first * 3, rays, ex, ey, ez)
+                    facing = _towards(middles, first * 3, rays, far, ex, ey, ez)
                     if turn == 0 and facing != 0:
-                        facing = unblocked(near, known, rays, 0, facing)
+                        facing &= _unhidden(near, known, rays, far)
                     elif turn == 2:
                         facing = _ALL
                     for lane in range(min(LANES, texels - first)):

@@ -77,7 +77,7 @@ class Session:
     lighting
         All of the above in one, instead.
     spec
-        How textures are made.
+        How textures are made in the end; None means nine ``fast`` samples a texel, see `estimates`. ``TextureSpec.usual()`` has one, as bakes do.
     view
         How clients should look at it at first; the session only keeps it.
     threads
@@ -92,7 +92,7 @@ class Session:
         keeps them as they are made.
     estimates
         Whether cheap textures (:class:`luxel.textures.estimate.EstimateBaker`) of a quarter of the texels come before those of `spec`. None: where those take
-        long, such as four samples or the 49 of ``paper`` mode, some of all texels and one ``fast`` sample do.
+        long, such as four samples or the 49 of ``paper`` mode, textures of one ``fast`` sample do, of which only what somebody looks at has been sampled.
         Those that are visible are replaced as long as some client keeps sighting them.
     small_pixels
         With estimates: a particle narrower than this on every screen, as far as clients tell, gets nothing better. 0 for none.
@@ -459,7 +459,7 @@ class Session:
         self._engine_beside.forget(client)
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Block until everything requested is ready; False if that takes longer than `timeout_s`."""
+        """Block until everything requested is ready, and as good as `spec` asks for; False if that takes longer than `timeout_s`."""
         return self._engine.wait(timeout_s) and self._engine_beside.wait(timeout_s)
 
     def run_for(self, budget_s: float, helpers: Helpers | None = None) -> int:
