@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from time import perf_counter
 from typing import Any
 
@@ -17,12 +18,14 @@ from luxel.light.in_view import Gaze
 from luxel.picture.drawing import make_eye, make_gaze
 from luxel.picture.raytrace import render, visible_ids
 from luxel.textures.bake import Baker, bake_with
+from luxel.textures.estimate import EstimateBaker
 from luxel.textures.spec import TextureSpec
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import thread_count
 
 _VIEWS = 9
 _NEW_VIEW_SIDE = 1024
+_PART = 128
 
 
 def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, patience_s: float) -> Rows:
@@ -54,8 +57,7 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
         f"{len(ids):,} visible",
     )
     gaze = _gaze(data, camera, ids)
-    # nothing is compiled under the clock
-    bake_with(Baker(scene, TextureSpec.usual()), ids[:32], gaze=gaze)
+    _first_textures(scene, ids[:32], gaze)  # nothing is compiled under the clock
 
     start = perf_counter()
     in_batches(Baker(scene, TextureSpec(mode="fast")).first_light, ids, thread_count(None))
@@ -66,19 +68,23 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
         "coarse records, nothing prepared",
     )
 
+    _, prepare_s, took = _first_textures(scene, ids, gaze)
+    row(
+        "visible set lit, as views do first",
+        prepare_s + took,
+        "s",
+        f"a sample of each texel in view; {prepare_s:.2f} s preparation; {1e6 * took / len(ids):.0f} us a texture",
+    )
+
     start = perf_counter()
     baker = Baker(scene, TextureSpec.usual())
     baker.prepare()
     prepare_s = perf_counter() - start
     everyone = np.arange(len(data.particles), dtype=np.int32)
-    for what, chosen, looked_at in (
-        ("visible set, texels in view", ids, gaze),
-        ("visible set, whole textures", ids, None),
-        (f"all {len(everyone):,}", everyone, None),
-    ):
-        took, how = _bake_s(baker, chosen, patience_s, looked_at)
+    for what, chosen in (("visible set", ids), (f"all {len(everyone):,}", everyone)):
+        took, how = _bake_s(baker, chosen, patience_s)
         remark = f"{prepare_s:.2f} s preparation; {1e6 * took / len(chosen):.0f} us a texture, {how}"
-        row(f"{what}, lit by one sample a texel", prepare_s + took, "s", remark)
+        row(f"{what} lit, whole textures of one sample", prepare_s + took, "s", remark)
 
     size = (_NEW_VIEW_SIDE, _NEW_VIEW_SIDE)
     textures = bake_with(baker, visible_ids(scene, camera, size, antialias=3))
@@ -111,9 +117,10 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
         f"{covered.mean():.0%} covered"
     )
     gaze = _gaze(data, camera, visible)
+    textures, _, took = _first_textures(scene, visible, gaze)
+    ways = [("what views show first", 1, textures, took)]
     for what, spec, looked_at in (
-        ("texels in view, 1 sample", TextureSpec.usual(), gaze),
-        ("whole textures, 1 sample", TextureSpec.usual(), None),
+        ("whole textures of one sample", TextureSpec.usual(), None),
         ("a single picture's default", TextureSpec.usual(purpose="picture"), gaze),
         ("a view's default, refined", TextureSpec.usual(purpose="view"), None),
     ):
@@ -121,13 +128,14 @@ def one_view(data: DataSet, side: int, picture_side: int, truth_samples: int, pa
         baker.prepare()
         start = perf_counter()
         textures = bake_with(baker, visible, gaze=looked_at)
-        took = perf_counter() - start
+        ways.append((what, spec.samples, textures, perf_counter() - start))
+    for what, samples, textures, took in ways:
         picture = render(scene, view, textures=textures, **common).array[..., :3].astype(np.float64)[covered]
         row(
             f"picture error at {picture_side}², {what}",
             float(np.sqrt(max(0.0, ((picture - truth) ** 2).mean() - noise))),
             "levels",
-            f"{spec.samples} a texel, {took:.1f} s for {len(visible):,}; mean {(picture - truth).mean():+.2f}; {said}",
+            f"{samples} a texel, {took:.1f} s for {len(visible):,}; mean {(picture - truth).mean():+.2f}; {said}",
         )
         said = "as above"
     return rows
@@ -138,14 +146,36 @@ def _gaze(data: DataSet, camera: luxel.Camera, visible: NDArray[np.int32]) -> Ga
     return make_gaze(make_eye(camera, SphereSet.of(data.particles), 1.0), visible, len(data.particles))
 
 
-def _bake_s(baker: Baker, ids: NDArray[np.int32], patience_s: float, gaze: Gaze | None) -> tuple[float, str]:
+def _first_textures(
+    scene: luxel.Scene, ids: NDArray[np.int32], gaze: Gaze
+) -> tuple[luxel.LuminanceTextures, float, float]:
+    """Textures that views show first, and seconds for preparation and for them."""
+    start = perf_counter()
+    baker = Baker(scene, TextureSpec.usual(purpose="view"))
+    first = EstimateBaker(baker, whole=True)
+    threads = thread_count(None)
+    for _ in first.preparation(threads):
+        pass
+    prepared = perf_counter()
+    codes = np.empty((len(ids), baker.spec.texels, baker.spec.texels), np.uint8)
+    parts = [slice(k, k + _PART) for k in range(0, len(ids), _PART)]
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(first.bake_into, ids[part], codes[part], gaze) for part in parts]:
+            done.result()
+    took = perf_counter() - prepared
+    count = len(scene.particles)
+    textures = luxel.LuminanceTextures(ids, codes, baker.scale, baker.encoding, count, baker.key)
+    return textures, prepared - start, took
+
+
+def _bake_s(baker: Baker, ids: NDArray[np.int32], patience_s: float) -> tuple[float, str]:
     """Seconds to bake `ids` in their order, as bakes do, extrapolated when they are more than `patience_s`; and which it is."""
     done, took = 0, 0.0
     while done < len(ids):
         # Large parts: whatever a bake costs by itself must not be paid often.
         part = ids[done : done + max(4096, len(ids) // 16)]
         start = perf_counter()
-        bake_with(baker, part, gaze=gaze)
+        bake_with(baker, part)
         last = (perf_counter() - start) / len(part)
         took += last * len(part)
         done += len(part)
