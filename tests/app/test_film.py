@@ -23,9 +23,9 @@ FILM = """
   const renderer = {
     frameMs: 1000, count: 4, loaded: 4, spheres: {}, busy: false, frames: [], times: new Map(), canvas: {width: 8, height: 8},
     readback: {pending: false, poll: () => null}, sweep: () => true, setList: nothing, present: nothing, endFrame: nothing,
-    drawSample: () => { renderer.drawn++; }, drawn: 0,
+    drawSample: () => { renderer.drawn++; }, drawn: 0, awaited,
   };
-  const film = new luxel.app.drawing.film.constructor(renderer, nothing, () => new Int32Array(0), () => awaited);
+  const film = new luxel.app.drawing.film.constructor(renderer, nothing, () => new Int32Array(0), () => renderer.awaited);
   let now = 1e6;
   const steps = (count) => {
     const clock = performance.now;
@@ -39,7 +39,7 @@ FILM = """
   };
   film.restart();
   film.camera = {};
-  return {film, steps, later: (milliseconds) => { now += milliseconds; }};
+  return {film, renderer, steps, later: (milliseconds) => { now += milliseconds; }};
 })
 """
 
@@ -56,7 +56,7 @@ def page(browser: Browser) -> Iterator[Page]:
         yield opened
 
 
-def test_a_slow_renderer_gives_way_to_first_light_once(page: Page) -> None:
+def test_a_slow_renderer_gives_way_until_what_it_knows_of_is_lit(page: Page) -> None:
     page.run(f"window.slow = {FILM}(true), undefined")
     assert page.run("slow.steps(9)") == 1  # what is at pixel centres is known: now it is light's turn
     page.run("slow.film.lightChanged(), slow.later(3000)")
@@ -66,11 +66,22 @@ def test_a_slow_renderer_gives_way_to_first_light_once(page: Page) -> None:
     assert page.run(
         "slow.film.shown.light === slow.film.light"
     )  # shown before what lies between is looked for
-    page.run("slow.film.lightChanged()")
-    assert page.run("slow.steps(30)") == 17  # then all samples, without another pause
+    assert page.run("slow.steps(9)") == 2  # light's turn again
+    page.run("slow.later(4001)")
+    assert page.run("slow.steps(9)") == 3
+    page.run("slow.film.lightChanged(), slow.renderer.awaited = false, slow.later(4001)")
+    assert page.run("slow.steps(30)") == 19  # all is lit: all samples, without another pause
     assert page.run("slow.film.settled")
-    page.run("slow.film.forget()")  # the camera moves: once more
-    assert page.run("slow.steps(9)") == 18
+    page.run("slow.film.forget(), slow.renderer.awaited = true")  # the camera moves: once more
+    assert page.run("slow.steps(9)") == 20
+
+
+def test_a_slow_renderer_does_not_wait_for_ever(page: Page) -> None:
+    page.run(f"window.slow = {FILM}(true), undefined")
+    for _ in range(12):
+        page.run("slow.steps(9), slow.later(4001)")
+    assert page.run("slow.steps(9)") == 16
+    assert page.run("slow.film.settled")
 
 
 def test_where_no_light_is_awaited_nobody_gives_way(page: Page) -> None:

@@ -174,9 +174,12 @@ def first_hits(world, work, near, found, site, rays, first, count, wanted):
     Writes near.hit_t, 0 for a start inside a neighbour; near.hit: particle, MISS or LOST; near.offset. Only for rays whose
     bit of `wanted` is set; rays from the 64th on go by the last bit.
     """
-    for block in range((count + LANES - 1) // LANES):
-        if wanted >> min(block * LANES, _LAST_BIT) & _ALL != 0:
-            nearest(near, found, rays, first + block * RAY, 1, block * LANES)
+    begin, end = 0, (count + LANES - 1) // LANES
+    while begin < end and wanted >> min(begin * LANES, _LAST_BIT) & _ALL == 0:
+        begin += 1
+    while begin < end and wanted >> min((end - 1) * LANES, _LAST_BIT) & _ALL == 0:
+        end -= 1
+    nearest(near, found, rays, first + begin * RAY, end - begin, begin * LANES)
     most = world.reach / site.r
     for k in range(count):
         if wanted >> min(k, _LAST_BIT) & 1 == 0:

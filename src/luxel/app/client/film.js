@@ -27,6 +27,7 @@ const KEPT = 6; // sweeps of the whole picture that a particle that none has fou
 const STRIDE_MAX = 64;
 const SWEEP_PIXELS = 1_500_000; // of a picture that is read back whole
 const LIGHT_PAUSE = 4; // frames' worth of time that a slow renderer leaves to whoever bakes, between two looks at new light
+const WAYS_MOST = 10; // such pauses before it is known what lies between pixel centres
 const SMOOTH_MS = 120; // time to spend on a smoother picture before new light is shown
 
 /** @param {number} k @param {number} base */
@@ -44,7 +45,7 @@ export class Film {
    * @param {import("./renderer.js").Renderer} renderer
    * @param {(data: Uint32Array, stride: number, epoch: number) => void} onSweep
    * @param {() => Int32Array} visible all ids that sweeps found since the camera moved
-   * @param {() => boolean} awaited whether light of these is on its way
+   * @param {() => boolean} awaited whether some of these have no texture yet, and it is on its way
    */
   constructor(renderer, onSweep, visible, awaited) {
     this.renderer = renderer;
@@ -68,8 +69,9 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
-    /** Whether a slow renderer gives way to first light, and until when. @type {"not yet" | "now" | "has"} */
-    this.way = "not yet";
+    /** How often a slow renderer has given way to light since the camera moved, whether it does now, and until when. */
+    this.ways = 0;
+    this.givesWay = false;
     this.wayEndsAt = 0;
     this.recent = new Recent(0);
     this.recentStep = 1;
@@ -108,7 +110,8 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
-    this.way = "not yet";
+    this.ways = 0;
+    this.givesWay = false;
   }
 
   get restStep() {
@@ -152,9 +155,9 @@ export class Film {
       pass = this.begin(pass, 1);
     } else if (pausing) {
       return true;
-    } else if (!moving && this.givesWay(now)) {
+    } else if (!moving && this.mayGiveWay(now)) {
       if (now < this.wayEndsAt) return true;
-      this.way = "has";
+      this.givesWay = false;
       if (pass.light !== this.light) pass = this.begin(FULL, 1);
     } else if (!(slow && !this.settled) && pass.light !== this.light && pass.count >= pass.want) {
       pass = this.begin(pass, Math.max(1, Math.min(8, Math.floor(SMOOTH_MS / renderer.frameMs))));
@@ -183,17 +186,19 @@ export class Film {
   }
 
   /**
-   * Whether a slow renderer is to give way to light, once after each move: as soon as it is known what rays through pixel centres meet. To look for what lies
+   * Whether a slow renderer gives way to light, now and then from when it is known what rays through pixel centres meet until that is lit. To look for what lies
    * between them takes many frames, for which nobody should look at a picture without light.
    * @param {number} now
    */
-  givesWay(now) {
+  mayGiveWay(now) {
     const { renderer } = this;
-    if (this.way === "not yet" && renderer.frameMs > SLOW_MS && this.centralKnown && !renderer.readback.pending && this.awaited()) {
-      this.way = "now";
+    const slow = renderer.frameMs > SLOW_MS && this.centralKnown && !this.settled && !renderer.readback.pending;
+    if (!this.givesWay && slow && this.ways < WAYS_MOST) {
+      this.givesWay = this.awaited();
+      this.ways = this.givesWay ? this.ways + 1 : WAYS_MOST; // the few that are found later are lit soon enough
       this.wayEndsAt = now + LIGHT_PAUSE * renderer.frameMs;
     }
-    return this.way === "now";
+    return this.givesWay;
   }
 
   /** What there is time for while the camera moves. */

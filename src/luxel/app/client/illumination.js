@@ -153,9 +153,9 @@ export class Illumination {
     return this.state === null || this.state.model === "lambertian" || this.baked?.complete;
   }
 
-  /** Whether light is on its way. */
+  /** Whether textures are on their way of what has none. */
   get awaited() {
-    return !this.lit && this.requests.waiting;
+    return !this.lit && this.requests.waiting && this.sight.litCount(this.store, null).ready < this.sight.count;
   }
 
   /** Tell the server what is visible and has no light yet. */
