@@ -27,7 +27,7 @@ const KEPT = 6; // sweeps of the whole picture that a particle that none has fou
 const STRIDE_MAX = 64;
 const SWEEP_PIXELS = 1_500_000; // of a picture that is read back whole
 const LIGHT_PAUSE = 4; // frames' worth of time that a slow renderer leaves to whoever bakes, between two looks at new light
-const WAYS_MOST = 10; // such pauses before it is known what lies between pixel centres
+const WAYS = 10; // such pauses before it is known what lies between pixel centres
 const SMOOTH_MS = 120; // time to spend on a smoother picture before new light is shown
 
 /** @param {number} k @param {number} base */
@@ -69,10 +69,9 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
-    /** How often a slow renderer has given way to light since the camera moved, whether it does now, and until when. */
-    this.ways = 0;
-    this.givesWay = false;
-    this.wayEndsAt = 0;
+    /** How often a slow renderer may yet give way to light before the camera moves again, and until when it does now; 0 if it does not. */
+    this.ways = WAYS;
+    this.wayEnds = 0;
     this.recent = new Recent(0);
     this.recentStep = 1;
     this.turn = 0;
@@ -110,8 +109,8 @@ export class Film {
     this.central = 0;
     this.shifted = 0;
     this.listed = { central: false, all: false };
-    this.ways = 0;
-    this.givesWay = false;
+    this.ways = WAYS;
+    this.wayEnds = 0;
   }
 
   get restStep() {
@@ -155,9 +154,9 @@ export class Film {
       pass = this.begin(pass, 1);
     } else if (pausing) {
       return true;
-    } else if (!moving && this.mayGiveWay(now)) {
-      if (now < this.wayEndsAt) return true;
-      this.givesWay = false;
+    } else if (!moving && this.givesWay(now)) {
+      if (now < this.wayEnds) return true;
+      this.wayEnds = 0;
       if (pass.light !== this.light) pass = this.begin(FULL, 1);
     } else if (!(slow && !this.settled) && pass.light !== this.light && pass.count >= pass.want) {
       pass = this.begin(pass, Math.max(1, Math.min(8, Math.floor(SMOOTH_MS / renderer.frameMs))));
@@ -190,15 +189,13 @@ export class Film {
    * between them takes many frames, for which nobody should look at a picture without light.
    * @param {number} now
    */
-  mayGiveWay(now) {
-    const { renderer } = this;
-    const slow = renderer.frameMs > SLOW_MS && this.centralKnown && !this.settled && !renderer.readback.pending;
-    if (!this.givesWay && slow && this.ways < WAYS_MOST) {
-      this.givesWay = this.awaited();
-      this.ways = this.givesWay ? this.ways + 1 : WAYS_MOST; // the few that are found later are lit soon enough
-      this.wayEndsAt = now + LIGHT_PAUSE * renderer.frameMs;
+  givesWay(now) {
+    const { frameMs, readback } = this.renderer;
+    if (!this.wayEnds && this.ways > 0 && frameMs > SLOW_MS && this.centralKnown && !readback.pending) {
+      this.ways = this.awaited() ? this.ways - 1 : -1; // the few that are found later are lit soon enough
+      if (this.ways >= 0) this.wayEnds = now + LIGHT_PAUSE * frameMs;
     }
-    return this.givesWay;
+    return this.wayEnds > 0;
   }
 
   /** What there is time for while the camera moves. */
