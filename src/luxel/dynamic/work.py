@@ -18,7 +18,7 @@ __all__ = [
     "Bakers",
     "CoarseBatch",
     "CoarseListener",
-    "EstimateBaker",
+    "Estimator",
     "Listener",
     "Listeners",
     "MakeBakers",
@@ -50,7 +50,7 @@ class TileBaker(Protocol):
         ...
 
 
-class EstimateBaker(Protocol):
+class Estimator(Protocol):
     """What the engine needs of :class:`luxel.textures.estimate.EstimateBaker`."""
 
     def preparation(self, threads: int) -> Iterator[None]:
@@ -75,7 +75,7 @@ class Bakers:
     """
 
     textures: TileBaker
-    estimates: EstimateBaker | None = None
+    estimates: Estimator | None = None
 
 
 @dataclass(frozen=True, eq=False)

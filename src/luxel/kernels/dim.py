@@ -54,7 +54,7 @@ def dim_levels(world, book, table, sun_table, ids, levels):
     near, waves, suns = near_scratch(table.width * LANES), wave_scratch(rays), sun_scratch(sun_table)
     values = np.zeros(rays, np.float32)
     cells = sun_table.texel.shape[0]
-    every = np.ones(sun_table.texel.shape[0], np.uint8)
+    every = np.ones(cells, np.uint8)
     light, light2, seen = np.zeros(cells, np.float32), np.zeros(cells, np.float32), np.zeros(cells, np.uint32)
     for k in range(ids.shape[0]):
         i = ids[k]

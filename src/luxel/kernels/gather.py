@@ -24,7 +24,7 @@ def gather_texels(
 ):
     """As ``texels.sample_texels``, with the rays of `table`; sunlight apart, with those of `sun_table`.
 
-    Only texels whose `wanted` (K, T·T) is not 0; the others have no exposed sample. Where it is (1, T·T), it is that of all particles.
+    Only texels whose `wanted` (K, T·T) is not 0; the others have no exposed sample.
 
     The last three are as the three before them; where there is no sun they are not written.
     """
@@ -34,13 +34,12 @@ def gather_texels(
     waves = wave_scratch(rays)
     suns = sun_scratch(sun_table)
     values = np.zeros(rays, np.float32)
-    each = wanted.shape[0] == ids.shape[0]
     for k in range(ids.shape[0]):
         i = ids[k]
         x, y, z, r = world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i]
         known, reach = neighbours(world, work, near, i)
         site = Site(i, x, y, z, r, reach)
-        paths = launch(world, work, near, known, site, table, wanted[k if each else 0], values, waves)
+        paths = launch(world, work, near, known, site, table, wanted[k], values, waves)
         follow_paths(world, work, near, known, site, waves, paths, values)
         total, total2, seen = mean[k].reshape(-1), variance[k].reshape(-1), exposed[k].reshape(-1)
         _clear(total, total2, seen)
@@ -54,9 +53,7 @@ def gather_texels(
         if sun_table.rays.shape[0] > 0:
             total, total2, seen = sun[k].reshape(-1), sun_variance[k].reshape(-1), sun_exposed[k].reshape(-1)
             _clear(total, total2, seen)
-            sunlight(
-                world, work, near, known, site, sun_table, wanted[k if each else 0], suns, total, total2, seen
-            )
+            sunlight(world, work, near, known, site, sun_table, wanted[k], suns, total, total2, seen)
             _average(total, total2, seen)
 
 

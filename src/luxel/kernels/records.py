@@ -81,11 +81,8 @@ def _launch_record(world, work, book, pad, particle):
     known, reach = neighbours(world, work, pad.near, particle)
     x, y, z = world.centers[particle, 0], world.centers[particle, 1], world.centers[particle, 2]
     site = Site(particle, x, y, z, world.radii[particle], reach)
-    return (
-        known,
-        site,
-        launch(world, work, pad.near, known, site, book.table, pad.every, pad.values, pad.waves),
-    )
+    paths = launch(world, work, pad.near, known, site, book.table, pad.every, pad.values, pad.waves)
+    return known, site, paths
 
 
 @kernel(borrows=True)

@@ -1,4 +1,4 @@
-"""What is looked at of particles: light is sampled there first, and needs half as many samples."""
+"""What is looked at of particles: light is sampled there first, and needs fewer than half as many samples."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def draw_rays(
 ) -> Drawn:
     """Samples by shared rays, of all texels or of those whose `wanted` (K, T·T) is not 0."""
     if wanted is None:
-        wanted = np.ones((1, sets.shape[0] * sets.shape[1]), np.uint8)
+        wanted = np.ones((len(ids), sets.shape[0] * sets.shape[1]), np.uint8)
     rest = Samples.empty(len(ids), *sets.shape)
     lit = len(world.lights.suns) > 0
     sun = Samples.empty(len(ids) if lit else 0, *sets.shape)

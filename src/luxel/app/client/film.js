@@ -191,9 +191,13 @@ export class Film {
    */
   givesWay(now) {
     const { frameMs, readback } = this.renderer;
-    if (!this.wayEnds && this.ways > 0 && frameMs > SLOW_MS && this.centralKnown && !readback.pending) {
-      this.ways = this.awaited() ? this.ways - 1 : -1; // the few that are found later are lit soon enough
-      if (this.ways >= 0) this.wayEnds = now + LIGHT_PAUSE * frameMs;
+    if (!this.wayEnds && this.ways && frameMs > SLOW_MS && this.centralKnown && !readback.pending) {
+      if (this.awaited()) {
+        this.ways--;
+        this.wayEnds = now + LIGHT_PAUSE * frameMs;
+      } else {
+        this.ways = 0; // the few that are found later are lit soon enough
+      }
     }
     return this.wayEnds > 0;
   }
