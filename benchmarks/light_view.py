@@ -154,7 +154,7 @@ def _first_textures(
     baker = Baker(scene, TextureSpec.usual(purpose="view"))
     first = EstimateBaker(baker, whole=True)
     threads = thread_count(None)
-    for _ in first.preparation(threads):
+    for _ in first.preparation(threads, gaze):
         pass
     prepared = perf_counter()
     codes = np.empty((len(ids), baker.spec.texels, baker.spec.texels), np.uint8)

@@ -61,6 +61,7 @@ class FakeBaker:
         self.bad = set(bad)
         self.batches: list[list[int]] = []
         self.gazes: list[Gaze | None] = []  # of each batch
+        self.prepared_for: Gaze | None = None
         self.work: list[tuple[str, list[int]]] = []  # all that was asked of it, in order
         self.lock = threading.Lock()
 
@@ -69,8 +70,9 @@ class FakeBaker:
             self.work.append(("first light", ids.tolist()))
         return record_of(self.key, ids)
 
-    def preparation(self, threads: int) -> Iterator[None]:
+    def preparation(self, threads: int, gaze: Gaze | None = None) -> Iterator[None]:
         with self.lock:
+            self.prepared_for = gaze
             self.work.append(("prepare", []))
         for _ in range(self.steps):
             if self.clock is not None:

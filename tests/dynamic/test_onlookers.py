@@ -36,6 +36,8 @@ def test_estimates_are_told_who_looks_and_what_is_shown(stage):
         assert np.flatnonzero(gaze.shown).tolist() == [3, 5, 900]
         assert len(gaze.shown) == stage.count
     assert set(stage.bakers["a"].gazes) == {None}
+    np.testing.assert_array_equal(stage.estimators["a"].prepared_for.eyes, [HERE])
+    assert stage.bakers["a"].prepared_for is None
 
 
 def test_what_is_not_in_sight_any_more_is_not_shown(stage):

@@ -9,6 +9,8 @@ from luxel.light.mapping import texel_directions, texel_neighbours
 from luxel.light.sampling import RaySets, draw_rays
 from luxel.light.world import make_world
 from luxel.picture.raytrace import render, visible_ids
+from luxel.textures.bake import Baker
+from luxel.textures.spec import TextureSpec
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import SphereTree
 from tests.scenes import cloud, lattice
@@ -158,3 +160,35 @@ def test_a_picture_of_what_is_in_view_is_as_good_as_one_of_whole_textures(name, 
         picture = render(scene, view, textures, samples=4, **how)
         errors.append(np.sqrt(((picture.array - truth) ** 2).mean()))
     assert errors[0] < 1.1 * errors[1]
+
+
+def test_the_filter_of_a_picture_learns_from_what_is_in_it():
+    particles = lattice(16)
+    scene = luxel.Scene(particles, (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 2.0, 15.0)))
+    camera = luxel.Camera.framing(particles.bounds, aspect=1.0)
+    visible = visible_ids(scene, camera, (300, 300))
+    gaze = gaze_at(particles, camera.eye, np.isin(np.arange(len(particles)), visible))
+    some = visible[::9]
+    baker = Baker(scene, TextureSpec(mode="fast", samples=1))
+    seen = texels_looked_at(baker.world, "latlong", 16, some, gaze).reshape(-1, 16, 16) != 0
+    truth = Baker(scene, TextureSpec(mode="fast", samples=64)).luminance(some)[0]
+    errors = []
+    for learns_from in (None, gaze):
+        light = baker.coarser_light(16, 1)
+        light.prepare(2, learns_from)
+        found = light.luminance(some, gaze)[0]
+        errors.append(np.sqrt(((found - truth)[seen] ** 2).mean()))
+    assert errors[1] < 0.97 * errors[0]
+
+
+def test_textures_that_are_kept_do_not_depend_on_pictures_before():
+    scene = luxel.Scene(lattice(9), (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 2.0, 15.0)))
+    spec, ids = TextureSpec(mode="fast", samples=1), np.arange(0, 729, 40, dtype=np.int32)
+    expected = Baker(scene, spec).luminance(ids)[0]
+    baker = Baker(scene, spec)
+    # Enough to learn from, and others than would be taken without a picture.
+    gaze = gaze_at(scene.particles, (30.0, 4.0, 4.0), scene.particles.positions[:, 0] > 1)
+    in_view = baker.luminance(ids, gaze)[0]
+    np.testing.assert_array_equal(baker.luminance(ids)[0], expected)
+    np.testing.assert_array_equal(baker.luminance(ids, gaze)[0], in_view)
+    assert (in_view != expected).any()

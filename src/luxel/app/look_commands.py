@@ -57,7 +57,7 @@ def _render_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", action="store_true", help="print what was drawn as JSON")
     add_scene_options(
-        parser, samples=" (default: 4, with --mode paper 49), or a pixel with --light pixel (default: 64)"
+        parser, samples=" (default: 6, with --mode paper 49), or a pixel with --light pixel (default: 64)"
     )
 
 

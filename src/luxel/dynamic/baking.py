@@ -21,6 +21,7 @@ from luxel.dynamic.shares import Helpers, in_shares
 from luxel.dynamic.sightings import Ids
 from luxel.dynamic.work import CoarseBatch, Listeners, TileBatch
 from luxel.dynamic.workshop import Workshop
+from luxel.light.in_view import Gaze
 
 __all__ = ["Baking"]
 
@@ -94,6 +95,11 @@ class Baking:
         tell()
         return took_s
 
+    def gaze(self, light: Entries) -> Gaze | None:
+        """Return who looks, where estimates may go by that: not where they are all that small particles get, or what a basis is learnt from."""
+        stay = self._cache.components > 0 or any(desk.small_pixels > 0 for desk in self.desks)
+        return None if stay else self._onlookers.gaze(light)
+
     def report(self, light: Entries, error: BaseException) -> None:
         """Note what went wrong under a light; with the lock held."""
         if light is self.light:
@@ -125,10 +131,7 @@ class Baking:
         codes = np.empty((len(ids), self._cache.texels, self._cache.texels), dtype=np.uint8)
         make: Callable[[Ids, NDArray[np.uint8]], int] = shop.bakers.textures.bake_into
         if grade == ESTIMATE and shop.bakers.estimates is not None:
-            # Not where estimates are all that small particles get, or what a basis is learnt from.
-            guess = desk.small_pixels == 0 and self._cache.components == 0
-            gaze = self._onlookers.gaze(light) if guess else None
-            make = functools.partial(shop.bakers.estimates.bake_into, gaze=gaze)
+            make = functools.partial(shop.bakers.estimates.bake_into, gaze=self.gaze(light))
 
         def bake(first: int, last: int) -> int:
             some, room = ids[first:last], codes[first:last]

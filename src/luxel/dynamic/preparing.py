@@ -95,7 +95,7 @@ class Preparing:
     def _prepare(self, light: Entries, shop: Workshop, kind: Kind, limit_s: float) -> None:
         end_s = None if self._threads else self._clock() + limit_s
         try:
-            for _ in shop.preparation(kind, max(1, self._threads)):
+            for _ in shop.preparation(kind, max(1, self._threads), self._baking.gaze(light)):
                 if end_s is not None and self._clock() >= end_s:
                     with self._lock:
                         shop.preparing = False

@@ -53,8 +53,8 @@ class TileBaker(Protocol):
 class Estimator(Protocol):
     """What the engine needs of :class:`luxel.textures.estimate.EstimateBaker`."""
 
-    def preparation(self, threads: int) -> Iterator[None]:
-        """As `TileBaker.preparation`."""
+    def preparation(self, threads: int, gaze: Gaze | None) -> Iterator[None]:
+        """As `TileBaker.preparation`; with a `gaze`, for the picture that is looked at."""
         ...
 
     def bake_into(self, ids: Ids, codes: NDArray[np.uint8], gaze: Gaze | None) -> int:

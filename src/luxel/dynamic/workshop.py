@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from luxel.dynamic.desk import Kind
 from luxel.dynamic.entries import ESTIMATE, FULL
 from luxel.dynamic.work import Bakers
+from luxel.light.in_view import Gaze
 
 __all__ = ["Workshop", "Workshops"]
 
@@ -32,13 +33,15 @@ class Workshop:
         """Whether a kind of work can be done."""
         return kind is Kind.FIRST_LIGHT or self.grade(kind) in self._prepared
 
-    def preparation(self, kind: Kind, threads: int) -> Iterator[None]:
-        """Return the steps that are left before a kind of work can be done."""
+    def preparation(self, kind: Kind, threads: int, gaze: Gaze | None) -> Iterator[None]:
+        """Return the steps that are left before a kind of work can be done; estimates are prepared for who looks."""
         grade = self.grade(kind)
         if grade not in self._steps:
-            estimates = self.bakers.estimates
-            baker = estimates if estimates is not None and grade == ESTIMATE else self.bakers.textures
-            self._steps[grade] = baker.preparation(threads)
+            bakers = self.bakers
+            if bakers.estimates is not None and grade == ESTIMATE:
+                self._steps[grade] = bakers.estimates.preparation(threads, gaze)
+            else:
+                self._steps[grade] = bakers.textures.preparation(threads)
         return self._steps[grade]
 
     def prepared(self, kind: Kind) -> None:

@@ -17,9 +17,8 @@ _AHEAD = 24  # particles: what is asked for so early is there in time
 @kernel(inline=True)
 def _slot_hash(particle, slot):
     """Hash of one particle's slot; sums of them tell whether any of many slots has changed."""
-    h = (np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)
-    h = (h ^ (h >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-    return np.int64((h ^ (h >> np.uint64(32))) * np.uint64(0x94D049BB133111EB))
+    h = ((np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)) * np.uint64(0x94D049BB133111EB)
+    return np.int64(h ^ (h >> np.uint64(32)))
 
 
 @kernel(inline=True, borrows=True)
@@ -108,9 +107,7 @@ def count_slots(ids, slot):
     """Of particles `ids` (K,), count those with a texture, with first light only, with a texture of another light; and add up hashes of their slots."""
     textured = dim = stale = 0
     digest = np.int64(0)
-    last = ids.shape[0] - 1
-    for k in range(ids.shape[0]):
-        prefetch(slot, np.intp(ids[min(k + _AHEAD, last)]) * 4)
+    for k in range(ids.shape[0]):  # without asking ahead: sixteen at a time where the processor can
         i = ids[k]
         s = slot[i]
         textured += (s >= 0) & (s < STALE)

@@ -29,7 +29,7 @@ _STEP_COUNT = 8  # a few milliseconds
 _TRAINING_COUNT = 512
 _TRAINING_SAMPLES, _FEW_TRAINING_SAMPLES = 9, 4
 # Samples of sunlight a texel, from so many samples of other light on: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
-_SUN_SAMPLES = ((9, 64), (4, 32), (1, 16))
+_SUN_SAMPLES = ((6, 64), (4, 32), (1, 16))
 _TRAINING_SETS = 16
 # Roulette spares paths that weigh so much: half as many paths that all bring their share home are less noisy than twice
 # as many of which three in ten bring nothing.
@@ -83,7 +83,7 @@ class FastLight:
         self._making = threading.Lock()
         self._sets: dict[tuple[int, int, int], RaySets] = {}
         self._book = RecordBook(world) if book is None else book
-        self._filter: TextureFilter | None = None
+        self._filters: dict[bool, TextureFilter] = {}  # of pictures, and of bakes that are kept
 
     def coarser(self, texels: int, samples: int) -> FastLight:
         """Return light of the same world and seed at another resolution, for textures that will not stay; coarse records are shared."""
@@ -99,25 +99,26 @@ class FastLight:
             hasty=True,
         )
 
-    def prepare(self, threads: int) -> None:
-        """Learn the filter, once."""
-        self._learned(threads)
+    def prepare(self, threads: int, gaze: Gaze | None = None) -> None:
+        """Learn the filter, once; with a `gaze`, that of pictures, from what is in this one."""
+        self._learned(threads, gaze)
 
-    def preparation(self, threads: int) -> Iterator[None]:
+    def preparation(self, threads: int, gaze: Gaze | None = None) -> Iterator[None]:
         """As :meth:`prepare`, with one thread in short steps."""
-        if self._filter is None:
-            learned = yield from self._learn(threads)
+        if self._known(gaze) is None:
+            learned = yield from self._learn(threads, gaze)
             with self._lock:
-                self._filter = self._filter or learned
+                self._filters.setdefault(gaze is not None, learned)
 
     def luminance(
         self, ids: NDArray[np.int32], gaze: Gaze | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (K, T, T) luminance and (K,) the standard error expected of a texel that was sampled.
 
-        With a `gaze`, only what is looked at is sampled; the filter tells the rest.
+        With a `gaze`, only what is looked at is sampled; the filter tells the rest. It has learned from the first picture that there was: what is in sight
+        is more alike than all particles are.
         """
-        learned = self._learned(1)
+        learned = self._learned(1, gaze)
         levels = self._book.dim_levels(ids, self._ray_sets(1, _DRAWN, sun_samples=1))
         dim = (levels >= 0) & (levels < _DIM * self._scale)
         if not dim.any():
@@ -184,15 +185,21 @@ class FastLight:
                 )
             return self._sets[key]
 
-    def _learned(self, threads: int) -> TextureFilter:
-        with self._lock:
-            if self._filter is None:
-                self._filter = _at_once(self._learn(threads))
-            return self._filter
+    def _known(self, gaze: Gaze | None) -> TextureFilter | None:
+        """Return the filter to use, if it is there already; for textures that will not stay, any will do."""
+        found = self._filters.get(gaze is not None)
+        return self._filters.get(gaze is None) if found is None and self._hasty else found
 
-    def _learn(self, threads: int) -> Generator[None, None, TextureFilter]:
-        """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike."""
-        chosen = yield from self._choose(threads)
+    def _learned(self, threads: int, gaze: Gaze | None) -> TextureFilter:
+        with self._lock:
+            found = self._known(gaze)
+            if found is None:
+                found = self._filters[gaze is not None] = _at_once(self._learn(threads, gaze))
+            return found
+
+    def _learn(self, threads: int, gaze: Gaze | None) -> Generator[None, None, TextureFilter]:
+        """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike; or from a picture."""
+        chosen = yield from self._choose(threads, gaze)
         least = _FEW_TRAINING_SAMPLES if self._hasty else _TRAINING_SAMPLES
         well = max(least, min(self._samples, 4 * _TRAINING_SAMPLES))
         first = yield from self._draw_in_steps(chosen, well, _FIRST, threads)
@@ -200,11 +207,14 @@ class FastLight:
         drawn = yield from self._draw_in_steps(chosen, self._samples, _DRAWN, threads)
         return TextureFilter.learn(first, second, drawn, self._mapping)
 
-    def _choose(self, threads: int) -> Generator[None, None, NDArray[np.int32]]:
-        """Return lit particles (K,) to learn from, or any if too few are lit."""
+    def _choose(self, threads: int, gaze: Gaze | None) -> Generator[None, None, NDArray[np.int32]]:
+        """Return lit particles (K,) to learn from, or any if too few are lit; such as are in the picture if there are enough."""
         shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii))
         if self._hidden is not None and not self._hidden.all():
             shuffled = shuffled[~self._hidden[shuffled]]
+        if gaze is not None:
+            shown = shuffled[gaze.shown[shuffled] != 0]
+            shuffled = shown if len(shown) >= _TRAINING_COUNT else shuffled
         order = shuffled[:_TRAINING_CANDIDATES].astype(np.int32)
         lit: list[NDArray[np.int32]] = []
         found = 0

@@ -308,9 +308,12 @@ def make_skin(table: TextureTable, colors: NDArray[np.float32]) -> frame.Skin:
 
 def _decoding_law(decoding: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return (2, 2) factors of code and code squared in the luminance of codes, for each half of a decoding table."""
-    first, last = decoding.reshape(-1, 256)[:, [1, 255]].astype(np.float64).T
-    square = (last / 255 - first) / 254
-    return np.resize(np.stack([first - square, square], axis=1).astype(np.float32), (2, 2))
+    halves = []
+    for start in (0, len(decoding) - 256):
+        first, last = float(decoding[start + 1]), float(decoding[start + 255])
+        square = (last / 255 - first) / 254
+        halves.append((first - square, square))
+    return np.array(halves, np.float32)
 
 
 def make_tone(scene: Scene, view: View, grading: tuple[float, float] | None = None) -> Tone:

@@ -91,7 +91,7 @@ def render(
     light
         ``"texture"``: look luminance textures up. ``"pixel"``: path trace every pixel; the truth to compare with.
     samples
-        Of light: a texel (default 4, of what the picture shows; in paper mode a square number, default 49) or a pixel (default 64).
+        Of light: a texel (default 6, of what the picture shows; in paper mode a square number, default 49) or a pixel (default 64).
     mode, mapping, seed
         Of the textures that are baked here, see :class:`luxel.TextureSpec`.
     antialias

@@ -165,6 +165,10 @@ def light_from_json(data: object) -> Light:
         raise InputError(f"a {kind} has the fields {known}; got {', '.join(map(str, values))}") from None
 
 
+# Every view of every frame asks.
+_FRAMES = {up: np.roll(np.eye(3), -k, axis=0) for k, up in enumerate("xyz", 1)}
+
+
 def up_frame(up: Up) -> NDArray[np.float64]:
     """Return (3, 3) rows: the axes that +X, +Y and +Z of a Z-up world become when `up` points up.
 
@@ -175,7 +179,7 @@ def up_frame(up: Up) -> NDArray[np.float64]:
     """
     if up not in ("x", "y", "z"):
         raise InputError(f"up must be x, y or z, got {up!r}")
-    return np.roll(np.eye(3), -("xyz".index(up) + 1), axis=0)
+    return _FRAMES[up].copy()
 
 
 def sun_direction(azimuth: float, elevation: float, up: Up = "z") -> NDArray[np.float64]:

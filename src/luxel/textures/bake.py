@@ -105,10 +105,10 @@ class Baker:
         """
         return self._fast.first_light(ids)
 
-    def prepare(self, threads: int | None = None) -> None:
-        """Do now, on several threads, what the first bake of ``fast`` mode would do on one: learn the filter."""
+    def prepare(self, threads: int | None = None, gaze: Gaze | None = None) -> None:
+        """Do now, on several threads, what the first bake of ``fast`` mode would do on one: learn the filter, with a `gaze` that of pictures."""
         if self.spec.mode == "fast":
-            self._fast.prepare(thread_count(threads))
+            self._fast.prepare(thread_count(threads), gaze)
 
     def preparation(self, threads: int) -> Iterator[None]:
         """As :meth:`prepare`, with one thread in short steps."""
@@ -179,7 +179,7 @@ def bake_with(
     codes = np.zeros((count, texels, texels), np.uint8)
     errors = np.zeros(count, np.float32)
     workers = thread_count(threads)
-    baker.prepare(workers)
+    baker.prepare(workers, gaze)
     size = min(_BATCH_COUNT, max(_LEAST_BATCH_COUNT, count // (_BATCHES_A_THREAD * workers)))
     parts = [slice(k, min(k + size, count)) for k in range(0, count, size)]
     clipped = 0

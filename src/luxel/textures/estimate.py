@@ -64,9 +64,9 @@ class EstimateBaker:
         codes[...], _ = encode(self.luminance(ids, gaze)[0], self._baker.scale, self._baker.encoding)
         return 0
 
-    def preparation(self, threads: int) -> Iterator[None]:
-        """Learn the filter, with one thread in short steps."""
-        yield from self._light.preparation(threads)
+    def preparation(self, threads: int, gaze: Gaze | None = None) -> Iterator[None]:
+        """Learn the filter, with a `gaze` from what is in the picture; with one thread in short steps."""
+        yield from self._light.preparation(threads, gaze)
 
 
 def takes_long(spec: TextureSpec) -> bool:
