@@ -109,23 +109,6 @@ def test_steps_are_shown_one_by_one_on_one_scale(series: Path, tmp_path: Path) -
         np.testing.assert_array_equal(picture, rendered(series / f"{k}.npz", view))
 
 
-def test_steps_that_are_shown_once_are_lit_where_they_are_seen(series: Path, tmp_path: Path) -> None:
-    fast = ("--mode", "fast", "--samples", "1", "--size", "64x48", "--antialias", "1")
-    once, often = tmp_path / "once", tmp_path / "often"
-    assert run("movie", f"{series}/*.npz", "-o", once, "--frames", "0:2", *fast) == 0
-    orbit = ("--frames", "0:2", "--orbit", 90, "--seconds", 0.4, "--fps", 10)
-    assert run("movie", f"{series}/*.npz", "-o", often, *orbit, *fast) == 0
-    steps = [luxel.open(str(series / f"{k}.npz"))[0] for k in range(2)]
-    view = luxel.View(camera=framed(steps))
-    scene = luxel.Scene(steps[0])
-    whole = luxel.bake(scene, samples=1, mode="fast")
-    how: dict[str, Any] = {"size": SIZE, "antialias": 1, "samples": 1, "mode": "fast"}
-    in_view, all_around = (luxel.render(scene, view, light, **how).pixels for light in (None, whole))
-    assert (in_view != all_around).any()
-    np.testing.assert_array_equal(shown(once)[0], in_view)
-    np.testing.assert_array_equal(shown(often)[0], all_around)
-
-
 def views(folder: Path, *changes: dict[str, Any], lighting: luxel.Lighting | None = None) -> list[Path]:
     paths = []
     bounds = cloud(COUNT).bounds
@@ -193,11 +176,11 @@ def test_an_interrupted_sequence_goes_on_where_it_was(
     drawn: list[int] = []
     plain = movie._Step.draw
 
-    def interrupted(step: Any, view: Any, progress: Any, *, once: bool) -> np.ndarray:
+    def interrupted(step: Any, view: Any, progress: Any) -> np.ndarray:
         drawn.append(1)
         if len(drawn) == 3:
             raise KeyboardInterrupt
-        return plain(step, view, progress, once=once)
+        return plain(step, view, progress)
 
     monkeypatch.setattr(movie._Step, "draw", interrupted)
     capsys.readouterr()

@@ -94,6 +94,7 @@ def test_estimates_that_stay_or_that_a_basis_is_learnt_from_are_whole(how):
     stage.engine.wait()
     assert gazes(stage)
     assert set(gazes(stage)) == {None}
+    assert stage.estimators["a"].prepared_for is None
     stage.engine.close()
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import luxel
 from benchmarks.scenes import plate
+from luxel.light import fast
 from luxel.light.mapping import texel_solid_angles
 from luxel.light.sampling import draw_paths
 from luxel.textures.bake import Baker
@@ -48,6 +49,17 @@ def test_expected_errors_are_those_found(truth, samples):
         ratios.append(np.sqrt(found[part].mean() / (expected[part].astype(np.float64) ** 2).mean()))
     assert np.all(np.abs(np.array(ratios) - 1) < 0.25), ratios
     assert found[order[210:]].mean() > found[order[:210]].mean()
+
+
+def test_filters_of_large_scenes_learn_from_more_and_err_less(truth, monkeypatch):
+    scene, ids, (a, seen_a), (b, seen_b) = truth
+    weights = texel_solid_angles("latlong", 16) * ((seen_a > 4) & (seen_b > 4))
+    errors = []
+    for each in (256, 12):  # of 12,000 particles, 512 and 1,000 textures to learn from
+        monkeypatch.setattr(fast, "_PARTICLES_A_TRAINING_TEXTURE", each)
+        luminance, _ = Baker(scene, TextureSpec(samples=4, mode="fast")).luminance(ids)
+        errors.append(((luminance - a) * (luminance - b) * weights).sum() / weights.sum())
+    assert errors[1] < 0.97 * errors[0]
 
 
 def test_paper_errors_fall_as_samples_grow():

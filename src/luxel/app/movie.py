@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -77,35 +76,26 @@ class _Step:
             else:
                 self._textures = GrowingTextures(Baker(scene, brush.spec), brush.threads)
 
-    def draw(self, view: View, progress: Progress | None, *, once: bool) -> NDArray[np.uint8]:
-        """Draw what :func:`luxel.render` draws of this view; `progress` is called while light is computed, `once` for all or for more views to come."""
+    def draw(self, view: View, progress: Progress | None) -> NDArray[np.uint8]:
+        """Draw what :func:`luxel.render` draws of this view; `progress` is called while light is computed."""
         brush, scene, table = self._brush, self._scene, self._table
-        if self._textures is not None and once and brush.spec is not None:
-            # Only what this picture shows is sampled.
-            spec = brush.spec
-            light = {"samples": spec.samples, "mode": spec.mode, "mapping": spec.mapping, "seed": spec.seed}
-            return self._rendered(view, light, progress)
         if self._textures is not None:
             ids = shown_ids(scene, view, brush.size, antialias=brush.antialias, threads=brush.threads)
             self._textures.grow(ids, progress)
             table = self._textures.snapshot(self._textures.key)
         if table is None:
-            return self._rendered(view, {"light": "pixel", **(brush.options or {})}, None)
+            return render(
+                scene,
+                view,
+                size=brush.size,
+                light="pixel",
+                antialias=brush.antialias,
+                threads=brush.threads,
+                colorbar=brush.colorbar,
+                **(brush.options or {}),
+            ).pixels
         pixels = draw_bands(scene, view, table, brush.size, antialias=brush.antialias, threads=brush.threads)
         return draw_colorbar(pixels, view, scene.particles) if brush.colorbar else pixels
-
-    def _rendered(self, view: View, light: dict[str, Any], progress: Progress | None) -> NDArray[np.uint8]:
-        brush = self._brush
-        return render(
-            self._scene,
-            view,
-            size=brush.size,
-            antialias=brush.antialias,
-            threads=brush.threads,
-            colorbar=brush.colorbar,
-            progress=progress,
-            **light,
-        ).pixels
 
 
 def pictures(
@@ -128,10 +118,9 @@ def pictures(
         Called as ``progress(done, total)`` in particles, while light is computed.
     """
     number, step = -1, None
-    views = Counter(shot.step for shot in shots)
     for k in wanted:
         shot = shots[k]
         if step is None or shot.step != number:
             step = None  # one at a time is in memory
             number, step = shot.step, open_step(shot.step)
-        yield k, step.draw(shot.view, progress, once=views[number] == 1)
+        yield k, step.draw(shot.view, progress)

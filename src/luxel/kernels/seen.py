@@ -17,7 +17,10 @@ _AHEAD = 24  # particles: what is asked for so early is there in time
 @kernel(inline=True)
 def _slot_hash(particle, slot):
     """Hash of one particle's slot; sums of them tell whether any of many slots has changed."""
-    h = ((np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)) * np.uint64(0x94D049BB133111EB)
+    h = (np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)
+    h = (h ^ (h >> np.uint64(29))) * np.uint64(
+        0x94D049BB133111EB
+    )  # else particles that swap slots would not be noticed
     return np.int64(h ^ (h >> np.uint64(32)))
 
 

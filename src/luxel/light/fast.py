@@ -29,6 +29,8 @@ _STEP_COUNT = 8  # a few milliseconds
 # it takes a twentieth of the time of that bake, and errors are 2 to 5 % smaller.
 _TRAINING_COUNT, _MOST_TRAINING_COUNT = 512, 1024
 _PARTICLES_A_TRAINING_TEXTURE = 256
+# Of those that what views show first is filtered by, as many are not in the picture: there will be other pictures.
+_OTHERS = 128
 _TRAINING_SAMPLES, _FEW_TRAINING_SAMPLES = 9, 4
 # Samples of sunlight a texel, from so many samples of other light on: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
 _SUN_SAMPLES = ((6, 64), (4, 32), (1, 16))
@@ -50,6 +52,8 @@ _DRAWN, _FIRST, _SECOND = 0, 1, 2
 
 class FastLight:
     """Fast textures of one world. Safe to share between threads; what a texture becomes depends on its particle alone.
+
+    In pictures it depends on who looks, and on what was in the first picture, too.
 
     Parameters
     ----------
@@ -210,27 +214,40 @@ class FastLight:
         return TextureFilter.learn(first, second, drawn, self._mapping)
 
     def _choose(self, threads: int, gaze: Gaze | None) -> Generator[None, None, NDArray[np.int32]]:
-        """Return lit particles (K,) to learn from, or any if too few are lit; such as are in the picture if there are enough."""
-        shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii))
+        """Return lit particles (K,) to learn from, or any if too few are lit; first such as are in the picture, if there is one."""
+        shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii)).astype(np.int32)
         enough = _TRAINING_COUNT
         if self._hidden is not None and not self._hidden.all():
             shuffled = shuffled[~self._hidden[shuffled]]
         if gaze is not None:
-            shown = shuffled[gaze.shown[shuffled] != 0]
-            shuffled = shown if len(shown) >= enough else shuffled
-        elif not self._hasty:
+            shown = gaze.shown[shuffled] != 0
+            first, others = shuffled[shown][:_TRAINING_CANDIDATES], shuffled[~shown][:_TRAINING_CANDIDATES]
+            lit = yield from self._lit(first, enough, threads)
+            more = yield from self._lit(
+                others, max(_OTHERS if self._hasty else 0, enough - len(lit)), threads
+            )
+            chosen = np.concatenate([lit[: enough - len(more)], more])
+            return chosen if len(chosen) >= 16 else np.concatenate([first, others])[:enough]
+        if not self._hasty:
             enough = min(max(enough, len(shuffled) // _PARTICLES_A_TRAINING_TEXTURE), _MOST_TRAINING_COUNT)
-        order = shuffled[:_TRAINING_CANDIDATES].astype(np.int32)
-        lit: list[NDArray[np.int32]] = []
+        order = shuffled[:_TRAINING_CANDIDATES]
+        chosen = yield from self._lit(order, enough, threads)
+        return chosen if len(chosen) >= 16 else order[:enough]
+
+    def _lit(
+        self, order: NDArray[np.int32], enough: int, threads: int
+    ) -> Generator[None, None, NDArray[np.int32]]:
+        """Return the first `enough` particles of some that are lit."""
+        lit = [order[:0]]
         found = 0
         for start in range(0, len(order), _TRAINING_ROUND):
+            if found >= enough:
+                break
             part = order[start : start + _TRAINING_ROUND]
             level = yield from _in_steps(self._level, part, threads)
             lit.append(part[np.concatenate(level) > _LIT * self._scale])
             found += len(lit[-1])
-            if found >= enough:
-                break
-        return np.concatenate(lit)[:enough] if found >= 16 else order[:enough]
+        return np.concatenate(lit)[:enough]
 
     def _draw_in_steps(
         self, ids: NDArray[np.int32], samples: int, drawing: int, threads: int

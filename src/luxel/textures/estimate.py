@@ -23,7 +23,7 @@ _MANY_SAMPLES: dict[Mode, int] = {"fast": 4, "paper": 9}
 class EstimateBaker:
     """Makes textures of the shape, scale and encoding of `baker`'s from a sample a texel, or a quarter of the texels, filtered and interpolated.
 
-    Whatever the mode of the baker, these are ``fast``. Safe to share between threads; what a texture becomes depends on its particle and the gaze alone.
+    Whatever the mode of the baker, these are ``fast``. Safe to share between threads; what a texture becomes depends on its particle, the gaze, and the gaze that was prepared for.
 
     Parameters
     ----------
