@@ -62,6 +62,7 @@ class FakeBaker:
         self.batches: list[list[int]] = []
         self.gazes: list[Gaze | None] = []  # of each batch
         self.prepared_for: Gaze | None = None
+        self.unsuitable: set[int] = set()  # gazes that show one of these need another preparation
         self.work: list[tuple[str, list[int]]] = []  # all that was asked of it, in order
         self.lock = threading.Lock()
 
@@ -72,12 +73,18 @@ class FakeBaker:
 
     def preparation(self, threads: int, gaze: Gaze | None = None) -> Iterator[None]:
         with self.lock:
-            self.prepared_for = gaze
+            self.prepared_for = None if gaze is None else Gaze(gaze.eyes.copy(), gaze.shown.copy())
             self.work.append(("prepare", []))
         for _ in range(self.steps):
             if self.clock is not None:
                 self.clock.now_s += self.step_s
             yield
+
+    def suits(self, gaze: Gaze | None) -> bool:
+        def strange(one: Gaze | None) -> bool:
+            return one is not None and bool(self.unsuitable & set(np.flatnonzero(one.shown).tolist()))
+
+        return strange(gaze) == strange(self.prepared_for)
 
     def bake_into(self, ids: np.ndarray, codes: np.ndarray, gaze: Gaze | None = None) -> int:
         with self.lock:

@@ -40,6 +40,28 @@ def test_estimates_are_told_who_looks_and_what_is_shown(stage):
     assert stage.bakers["a"].prepared_for is None
 
 
+def test_estimates_are_prepared_anew_for_pictures_that_they_do_not_suit(stage):
+    def prepared():
+        return [what for what, _ in stage.estimators["a"].work if what == "prepare"]
+
+    stage.request("a", [3, 5], eye=HERE)
+    stage.engine.wait()
+    stage.estimators["a"].unsuitable = {8}
+    stage.request("a", [3, 5, 7], eye=HERE)
+    stage.engine.wait()
+    assert len(prepared()) == 1
+    stage.request("a", [8], eye=THERE)
+    stage.engine.wait()
+    stage.request("a", [8, 9], eye=THERE)  # the first piece was still made as before
+    stage.engine.wait()
+    assert len(prepared()) == 2
+    np.testing.assert_array_equal(stage.estimators["a"].prepared_for.eyes, [THERE])
+    stage.request("a", [8, 10], eye=THERE)
+    stage.engine.wait()
+    assert len(prepared()) == 2
+    assert {8, 9, 10} <= set(np.concatenate(stage.estimators["a"].batches).tolist())
+
+
 def test_what_is_not_in_sight_any_more_is_not_shown(stage):
     stage.request("a", [3, 5], eye=HERE)
     stage.engine.wait()

@@ -10,6 +10,7 @@ from luxel.light.sampling import RaySets, draw_rays
 from luxel.light.world import make_world
 from luxel.picture.raytrace import render, visible_ids
 from luxel.textures.bake import Baker
+from luxel.textures.estimate import EstimateBaker
 from luxel.textures.spec import TextureSpec
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import SphereTree
@@ -200,6 +201,39 @@ def test_a_picture_of_the_dark_side_teaches_enough_for_the_lit_one():
         found = light.luminance(some, gazes[1][1])[0]
         errors.append(np.sqrt(((found - truth)[seen] ** 2).mean()))
     assert errors[1] < 1.1 * errors[0]
+
+
+def test_views_from_another_side_have_the_filter_learn_again():
+    particles = lattice(12)
+    scene = luxel.Scene(particles, (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 2.0, 15.0)))
+    baker = Baker(scene, TextureSpec(mode="fast", samples=9))
+
+    def looks(*eye):
+        camera = luxel.Camera(eye, (5.5, 5.5, 5.5))
+        ids = visible_ids(scene, camera, (200, 200))
+        return ids, gaze_at(particles, eye, np.isin(np.arange(len(particles)), ids))
+
+    ids, above = looks(9.0, 4.0, 40.0)
+    beside, below = looks(22.0, 9.0, 40.0)[1], looks(9.0, 4.0, -30.0)[1]
+    light, other = (EstimateBaker(baker, whole=True) for _ in range(2))
+    assert light.suits(above)  # nothing is known yet: it learns in any case
+
+    def prepared(estimates, gaze):
+        for _ in estimates.preparation(2, gaze):
+            pass
+        return estimates.luminance(ids[:40], above)[0]
+
+    first = prepared(light, above)
+    assert light.suits(above)
+    assert light.suits(beside)
+    assert light.suits(None)
+    assert not light.suits(below)
+    np.testing.assert_array_equal(prepared(light, beside), first)
+    second = prepared(light, below)
+    assert (second != first).any()
+    assert light.suits(below)
+    assert not light.suits(above)
+    np.testing.assert_array_equal(second, prepared(other, below))
 
 
 def test_textures_that_are_kept_do_not_depend_on_pictures_before():

@@ -131,7 +131,11 @@ class Baking:
         codes = np.empty((len(ids), self._cache.texels, self._cache.texels), dtype=np.uint8)
         make: Callable[[Ids, NDArray[np.uint8]], int] = shop.bakers.textures.bake_into
         if grade == ESTIMATE and shop.bakers.estimates is not None:
-            make = functools.partial(shop.bakers.estimates.bake_into, gaze=self.gaze(light))
+            gaze = self.gaze(light)
+            if not shop.bakers.estimates.suits(gaze):  # good enough for this piece
+                with self.lock:
+                    shop.outgrown(piece.kind)
+            make = functools.partial(shop.bakers.estimates.bake_into, gaze=gaze)
 
         def bake(first: int, last: int) -> int:
             some, room = ids[first:last], codes[first:last]

@@ -57,6 +57,10 @@ class Estimator(Protocol):
         """As `TileBaker.preparation`; with a `gaze`, for the picture that is looked at."""
         ...
 
+    def suits(self, gaze: Gaze | None) -> bool:
+        """Whether what was prepared serves this picture as well; else it is prepared again. Called with every piece of work."""
+        ...
+
     def bake_into(self, ids: Ids, codes: NDArray[np.uint8], gaze: Gaze | None) -> int:
         """As `TileBaker.bake_into`; what nobody looks at, with a `gaze`, may be guessed."""
         ...

@@ -49,6 +49,10 @@ class Workshop:
         self._prepared.add(self.grade(kind))
         self._steps.pop(self.grade(kind), None)
 
+    def outgrown(self, kind: Kind) -> None:
+        """Note that what was prepared for a kind of work does not serve any more."""
+        self._prepared.discard(self.grade(kind))
+
     def failed(self, kind: Kind) -> None:
         """Note that a step failed: next time they begin anew."""
         self._steps.pop(self.grade(kind), None)

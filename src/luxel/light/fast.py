@@ -29,8 +29,8 @@ _STEP_COUNT = 8  # a few milliseconds
 # it takes a twentieth of the time of that bake, and errors are 2 to 5 % smaller.
 _TRAINING_COUNT, _MOST_TRAINING_COUNT = 512, 1024
 _PARTICLES_A_TRAINING_TEXTURE = 256
-# Of those that what views show first is filtered by, as many are not in the picture: there will be other pictures.
-_OTHERS = 128
+# Filters of pictures serve others seen from within 60 degrees; where the data is, of what is seen, is judged by so many particles, if so many of them are.
+_NEAR_BY, _PROBES, _FEWEST_PROBES = 0.5, 4096, 16
 _TRAINING_SAMPLES, _FEW_TRAINING_SAMPLES = 9, 4
 # Samples of sunlight a texel, from so many samples of other light on: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
 _SUN_SAMPLES = ((6, 64), (4, 32), (1, 16))
@@ -90,6 +90,10 @@ class FastLight:
         self._sets: dict[tuple[int, int, int], RaySets] = {}
         self._book = RecordBook(world) if book is None else book
         self._filters: dict[bool, TextureFilter] = {}  # of pictures, and of bakes that are kept
+        self._towards: NDArray[np.float32] | None = (
+            None  # who looked at what the filter of pictures has learnt from, see `_directions`
+        self._suited: NDArray[np.float32] | None = None  # eyes that it suits
+        )
 
     def coarser(self, texels: int, samples: int) -> FastLight:
         """Return light of the same world and seed at another resolution, for textures that will not stay; coarse records are shared."""
@@ -110,11 +114,32 @@ class FastLight:
         self._learned(threads, gaze)
 
     def preparation(self, threads: int, gaze: Gaze | None = None) -> Iterator[None]:
-        """As :meth:`prepare`, with one thread in short steps."""
-        if self._known(gaze) is None:
+        """As :meth:`prepare`, with one thread in short steps; and again for a picture that the last one taught too little of, see :meth:`suits`."""
+        if self._known(gaze) is None or not self.suits(gaze):
             learned = yield from self._learn(threads, gaze)
             with self._lock:
-                self._filters.setdefault(gaze is not None, learned)
+                self._filters[gaze is not None] = learned
+
+    def suits(self, gaze: Gaze | None) -> bool:
+        """Whether the filter of pictures has learnt from one that was seen from about the same side."""
+        towards = self._towards
+        if gaze is None or towards is None or gaze.eyes is self._suited:
+            return True
+        found = self._directions(gaze)
+        if found is not None and (found @ towards).max() <= _NEAR_BY:
+            return False
+        self._suited = gaze.eyes  # asked for every few textures
+        return True
+
+    def _directions(self, gaze: Gaze) -> NDArray[np.float32] | None:
+        """Return unit vectors (E, 3) from the middle of what is shown to the eyes; None where too little of it is known."""
+        count = len(self._world.radii)
+        probes = np.arange(0, count, max(1, count // _PROBES))
+        probes = probes[gaze.shown[probes] != 0]
+        if len(probes) < _FEWEST_PROBES:
+            return None
+        found = gaze.eyes - self._world.centers[probes].mean(axis=0)
+        return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9), np.float32)
 
     def luminance(
         self, ids: NDArray[np.int32], gaze: Gaze | None = None
@@ -220,13 +245,13 @@ class FastLight:
         if self._hidden is not None and not self._hidden.all():
             shuffled = shuffled[~self._hidden[shuffled]]
         if gaze is not None:
+            found = self._directions(gaze)
+            self._towards, self._suited = None if found is None else found[0], None
             shown = gaze.shown[shuffled] != 0
             first, others = shuffled[shown][:_TRAINING_CANDIDATES], shuffled[~shown][:_TRAINING_CANDIDATES]
             lit = yield from self._lit(first, enough, threads)
-            more = yield from self._lit(
-                others, max(_OTHERS if self._hasty else 0, enough - len(lit)), threads
-            )
-            chosen = np.concatenate([lit[: enough - len(more)], more])
+            more = yield from self._lit(others, enough - len(lit), threads)
+            chosen = np.concatenate([lit, more])
             return chosen if len(chosen) >= 16 else np.concatenate([first, others])[:enough]
         if not self._hasty:
             enough = min(max(enough, len(shuffled) // _PARTICLES_A_TRAINING_TEXTURE), _MOST_TRAINING_COUNT)

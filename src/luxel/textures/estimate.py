@@ -64,6 +64,10 @@ class EstimateBaker:
         codes[...], _ = encode(self.luminance(ids, gaze)[0], self._baker.scale, self._baker.encoding)
         return 0
 
+    def suits(self, gaze: Gaze | None) -> bool:
+        """Whether what was prepared serves this picture; if not, prepare again."""
+        return self._light.suits(gaze)
+
     def preparation(self, threads: int, gaze: Gaze | None = None) -> Iterator[None]:
         """Learn the filter, with a `gaze` from what is in the picture; with one thread in short steps."""
         yield from self._light.preparation(threads, gaze)
