@@ -90,10 +90,9 @@ class FastLight:
         self._sets: dict[tuple[int, int, int], RaySets] = {}
         self._book = RecordBook(world) if book is None else book
         self._filters: dict[bool, TextureFilter] = {}  # of pictures, and of bakes that are kept
-        self._towards: NDArray[np.float32] | None = (
-            None  # who looked at what the filter of pictures has learnt from, see `_directions`
-        self._suited: NDArray[np.float32] | None = None  # eyes that it suits
-        )
+        # Unit vector to who looked at what the filter of pictures has learnt from, see `_directions`; eyes that it suits.
+        self._towards: NDArray[np.float32] | None = None
+        self._suited: NDArray[np.float32] | None = None
 
     def coarser(self, texels: int, samples: int) -> FastLight:
         """Return light of the same world and seed at another resolution, for textures that will not stay; coarse records are shared."""
