@@ -163,44 +163,39 @@ def test_a_picture_of_what_is_in_view_is_as_good_as_one_of_whole_textures(name, 
     assert errors[0] < 1.1 * errors[1]
 
 
-def test_the_filter_of_a_picture_learns_from_what_is_in_it():
-    particles = lattice(16)
-    scene = luxel.Scene(particles, (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 2.0, 15.0)))
-    camera = luxel.Camera.framing(particles.bounds, aspect=1.0)
-    visible = visible_ids(scene, camera, (300, 300))
-    gaze = gaze_at(particles, camera.eye, np.isin(np.arange(len(particles)), visible))
-    some = visible[::12]
+def looks(particles, *eye):
+    """What is visible from an eye towards the middle of the particles, and its gaze."""
+    camera = luxel.Camera(eye, particles.bounds.mean(axis=0))
+    ids = visible_ids(luxel.Scene(particles), camera, (300, 300))
+    return ids, gaze_at(particles, eye, np.isin(np.arange(len(particles)), ids))
+
+
+def errors_in_view(scene, ids, gaze, lessons):
+    """RMS error of what is looked at, by filters that have learnt from each of some gazes."""
     baker = Baker(scene, TextureSpec(mode="fast", samples=1))
-    seen = texels_looked_at(baker.world, "latlong", 16, some, gaze).reshape(-1, 16, 16) != 0
-    truth = Baker(scene, TextureSpec(mode="fast", samples=25)).luminance(some)[0]
+    seen = texels_looked_at(baker.world, "latlong", 16, ids, gaze).reshape(-1, 16, 16) != 0
+    truth = Baker(scene, TextureSpec(mode="fast", samples=25)).luminance(ids)[0]
     errors = []
-    for learns_from in (None, gaze):
+    for lesson in lessons:
         light = baker.coarser_light(16, 1)
-        light.prepare(2, learns_from)
-        found = light.luminance(some, gaze)[0]
-        errors.append(np.sqrt(((found - truth)[seen] ** 2).mean()))
-    assert errors[1] < 0.97 * errors[0]
+        light.prepare(2, lesson)
+        errors.append(np.sqrt(((light.luminance(ids, gaze)[0] - truth)[seen] ** 2).mean()))
+    return errors
+
+
+def test_the_filter_of_a_picture_learns_from_what_is_in_it():
+    scene = luxel.Scene(lattice(16), (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 2.0, 15.0)))
+    visible, gaze = looks(scene.particles, 30.0, -27.0, 33.0)
+    general, own = errors_in_view(scene, visible[::12], gaze, (None, gaze))
+    assert own < 0.97 * general
 
 
 def test_a_picture_of_the_dark_side_teaches_enough_for_the_lit_one():
-    particles = lattice(16)
-    scene = luxel.Scene(particles, (luxel.Sun((1, 0, 0), 3.0, 5.0),))
-    baker = Baker(scene, TextureSpec(mode="fast", samples=1))
-    dark, lit = (luxel.Camera((x, 9.0, 12.0), (7.5, 7.5, 7.5)) for x in (-60.0, 70.0))
-    gazes = []
-    for camera in (dark, lit):
-        ids = visible_ids(scene, camera, (300, 300))
-        gazes.append((ids, gaze_at(particles, camera.eye, np.isin(np.arange(len(particles)), ids))))
-    some = gazes[1][0][::12]
-    truth = Baker(scene, TextureSpec(mode="fast", samples=25)).luminance(some)[0]
-    seen = texels_looked_at(baker.world, "latlong", 16, some, gazes[1][1]).reshape(-1, 16, 16) != 0
-    errors = []
-    for learns_from in (None, gazes[0][1]):
-        light = baker.coarser_light(16, 1)
-        light.prepare(2, learns_from)
-        found = light.luminance(some, gazes[1][1])[0]
-        errors.append(np.sqrt(((found - truth)[seen] ** 2).mean()))
-    assert errors[1] < 1.1 * errors[0]
+    scene = luxel.Scene(lattice(16), (luxel.Sun((1, 0, 0), 3.0, 5.0),))
+    dark = looks(scene.particles, -60.0, 9.0, 12.0)[1]
+    visible, gaze = looks(scene.particles, 70.0, 9.0, 12.0)
+    general, other = errors_in_view(scene, visible[::12], gaze, (None, dark))
+    assert other < 1.1 * general
 
 
 def test_views_from_another_side_have_the_filter_learn_again():
@@ -208,13 +203,8 @@ def test_views_from_another_side_have_the_filter_learn_again():
     scene = luxel.Scene(particles, (luxel.Sky(1.0), luxel.Sun((1, 1, 2), 2.0, 15.0)))
     baker = Baker(scene, TextureSpec(mode="fast", samples=9))
 
-    def looks(*eye):
-        camera = luxel.Camera(eye, (5.5, 5.5, 5.5))
-        ids = visible_ids(scene, camera, (200, 200))
-        return ids, gaze_at(particles, eye, np.isin(np.arange(len(particles)), ids))
-
-    ids, above = looks(9.0, 4.0, 40.0)
-    beside, below = looks(22.0, 9.0, 40.0)[1], looks(9.0, 4.0, -30.0)[1]
+    ids, above = looks(particles, 9.0, 4.0, 40.0)
+    beside, below = looks(particles, 22.0, 9.0, 40.0)[1], looks(particles, 9.0, 4.0, -30.0)[1]
     light, other = (EstimateBaker(baker, whole=True) for _ in range(2))
     assert light.suits(above)  # nothing is known yet: it learns in any case
 
@@ -234,6 +224,18 @@ def test_views_from_another_side_have_the_filter_learn_again():
     assert light.suits(below)
     assert not light.suits(above)
     np.testing.assert_array_equal(second, prepared(other, below))
+
+
+def test_a_picture_of_a_few_particles_is_followed_by_a_better_lesson():
+    particles = lattice(12)
+    estimates = EstimateBaker(Baker(luxel.Scene(particles), TextureSpec(mode="fast", samples=9)), whole=True)
+    few = gaze_at(particles, (9.0, 4.0, 40.0), np.arange(len(particles)) < 10)
+    for gaze in (few, looks(particles, 9.0, 4.0, 40.0)[1]):
+        for _ in estimates.preparation(2, gaze):
+            pass
+        assert estimates.suits(gaze)
+        assert estimates.suits(few)
+        assert estimates.suits(looks(particles, 9.0, 4.0, 40.0)[1]) == (gaze is not few)
 
 
 def test_textures_that_are_kept_do_not_depend_on_pictures_before():

@@ -18,9 +18,8 @@ _AHEAD = 24  # particles: what is asked for so early is there in time
 def _slot_hash(particle, slot):
     """Hash of one particle's slot; sums of them tell whether any of many slots has changed."""
     h = (np.uint64(particle) << np.uint64(32)) ^ np.uint64(slot + 8)
-    h = (h ^ (h >> np.uint64(29))) * np.uint64(
-        0x94D049BB133111EB
-    )  # else particles that swap slots would not be noticed
+    h ^= h >> np.uint64(29)  # else particles that swap slots would not be noticed
+    h *= np.uint64(0x94D049BB133111EB)
     return np.int64(h ^ (h >> np.uint64(32)))
 
 

@@ -31,6 +31,7 @@ _TRAINING_COUNT, _MOST_TRAINING_COUNT = 512, 1024
 _PARTICLES_A_TRAINING_TEXTURE = 256
 # Filters of pictures serve others seen from within 60 degrees; where the data is, of what is seen, is judged by so many particles, if so many of them are.
 _NEAR_BY, _PROBES, _FEWEST_PROBES = 0.5, 4096, 16
+_NOWHERE = np.zeros(3, np.float32)
 _TRAINING_SAMPLES, _FEW_TRAINING_SAMPLES = 9, 4
 # Samples of sunlight a texel, from so many samples of other light on: they are cheap, and shadows have edges. Multiples of 16 are cheapest.
 _SUN_SAMPLES = ((6, 64), (4, 32), (1, 16))
@@ -53,7 +54,7 @@ _DRAWN, _FIRST, _SECOND = 0, 1, 2
 class FastLight:
     """Fast textures of one world. Safe to share between threads; what a texture becomes depends on its particle alone.
 
-    In pictures it depends on who looks, and on what was in the first picture, too.
+    In pictures it depends on who looks, and on the picture that their filter has learnt from, too.
 
     Parameters
     ----------
@@ -145,8 +146,8 @@ class FastLight:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return (K, T, T) luminance and (K,) the standard error expected of a texel that was sampled.
 
-        With a `gaze`, only what is looked at is sampled; the filter tells the rest. It has learned from the first picture that there was: what is in sight
-        is more alike than all particles are.
+        With a `gaze`, only what is looked at is sampled; the filter tells the rest. It has learned from a picture, see :meth:`prepare`: what
+        is in sight is more alike than all particles are.
         """
         learned = self._learned(1, gaze)
         levels = self._book.dim_levels(ids, self._ray_sets(1, _DRAWN, sun_samples=1))
@@ -229,6 +230,9 @@ class FastLight:
 
     def _learn(self, threads: int, gaze: Gaze | None) -> Generator[None, None, TextureFilter]:
         """Train on lit particles drawn by the seed from the whole scene, so that every bake of a key filters alike; or from a picture."""
+        if gaze is not None:
+            found = self._directions(gaze)
+            self._towards, self._suited = _NOWHERE if found is None else found[0], None
         chosen = yield from self._choose(threads, gaze)
         least = _FEW_TRAINING_SAMPLES if self._hasty else _TRAINING_SAMPLES
         well = max(least, min(self._samples, 4 * _TRAINING_SAMPLES))
@@ -240,23 +244,19 @@ class FastLight:
     def _choose(self, threads: int, gaze: Gaze | None) -> Generator[None, None, NDArray[np.int32]]:
         """Return lit particles (K,) to learn from, or any if too few are lit; first such as are in the picture, if there is one."""
         shuffled = np.random.default_rng(self._seed).permutation(len(self._world.radii)).astype(np.int32)
-        enough = _TRAINING_COUNT
         if self._hidden is not None and not self._hidden.all():
             shuffled = shuffled[~self._hidden[shuffled]]
+        enough, groups = _TRAINING_COUNT, [shuffled]
         if gaze is not None:
-            found = self._directions(gaze)
-            self._towards, self._suited = None if found is None else found[0], None
             shown = gaze.shown[shuffled] != 0
-            first, others = shuffled[shown][:_TRAINING_CANDIDATES], shuffled[~shown][:_TRAINING_CANDIDATES]
-            lit = yield from self._lit(first, enough, threads)
-            more = yield from self._lit(others, enough - len(lit), threads)
-            chosen = np.concatenate([lit, more])
-            return chosen if len(chosen) >= 16 else np.concatenate([first, others])[:enough]
-        if not self._hasty:
+            groups = [shuffled[shown], shuffled[~shown]]
+        elif not self._hasty:
             enough = min(max(enough, len(shuffled) // _PARTICLES_A_TRAINING_TEXTURE), _MOST_TRAINING_COUNT)
-        order = shuffled[:_TRAINING_CANDIDATES]
-        chosen = yield from self._lit(order, enough, threads)
-        return chosen if len(chosen) >= 16 else order[:enough]
+        chosen = shuffled[:0]
+        for group in groups:
+            lit = yield from self._lit(group[:_TRAINING_CANDIDATES], enough - len(chosen), threads)
+            chosen = np.concatenate([chosen, lit])
+        return chosen if len(chosen) >= 16 else np.concatenate(groups)[:enough]
 
     def _lit(
         self, order: NDArray[np.int32], enough: int, threads: int
