@@ -15,7 +15,7 @@ from luxel.kernels.near import RAY, collect, nearest, unblocked
 from luxel.kernels.periodic import HERE, LOST, follow, image_of, shadowed, surroundings
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import FAR, LANES, store, trailing_zeros
-from luxel.kernels.tree_trace import MISS
+from luxel.kernels.tree_trace import MISS, blocked
 
 __all__ = [
     "EVERY_RAY",
@@ -28,6 +28,7 @@ __all__ = [
     "hit_point",
     "neighbours",
     "put_rays",
+    "ray_kind",
     "ray_start",
     "ray_word",
     "set_of",
@@ -37,6 +38,7 @@ __all__ = [
 ]
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
+_HALF_A_SIDE, _MIDDLE = np.float32(1.99), np.float32(4)  # of a cube of `BLOCKERS` cells
 _ALL = (1 << LANES) - 1
 _LAST_BIT = 63
 #: Bits of rays, all of them wanted.
@@ -111,6 +113,8 @@ def sky_along(world, site, rays, o):
 @kernel(borrows=True, inner=True)
 def neighbours(world, work, near, particle):
     """Collect the neighbours of a particle, images among them; returns (count, reach), see ``near.collect``."""
+    # What was in the way of others must not tell: boxes that a ray just grazes round one way, the spheres in them the other.
+    work.blockers[:] = MISS
     tree, x, y, z, complete = surroundings(world.cell, world, particle)
     r = world.radii[particle]
     count, reach = collect(tree, work, near, x, y, z, r, particle)
@@ -148,7 +152,21 @@ def stopped(world, work, site, rays, o):
     """Whether anything stops a ray beyond the near ball."""
     _, px, py, pz = _leave(site, rays, o)
     dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
-    return shadowed(world.cell, world, work, px, py, pz, dx, dy, dz, FAR, site.sphere)
+    if world.cell is not None:
+        return shadowed(world.cell, world, work, px, py, pz, dx, dy, dz, FAR, site.sphere)
+    else:
+        kind = ray_kind(px - site.x, py - site.y, pz - site.z, max(site.reach, _ONE) * site.r, dx, dy, dz)
+        return blocked(world.tree, work, px, py, pz, dx, dy, dz, site.sphere, kind)
+
+
+@kernel(inline=True, borrows=True)
+def ray_kind(x, y, z, reach, dx, dy, dz):
+    """Tell rays apart by their directions and by where within `reach` of the origin they leave: one of ``tree_trace.BLOCKERS``."""
+    scale = _HALF_A_SIDE / reach
+    a = int(scale * x + _HALF_A_SIDE * dx + _MIDDLE)
+    b = int(scale * y + _HALF_A_SIDE * dy + _MIDDLE)
+    c = int(scale * z + _HALF_A_SIDE * dz + _MIDDLE)
+    return ((a & 7) << 6) | ((b & 7) << 3) | (c & 7)
 
 
 @kernel(inline=True, borrows=True)
@@ -215,12 +233,15 @@ def escaping(world, work, near, found, site, rays, first, count, values, base):
     """Sky radiance for rays that nothing stops, else 0."""
     for block in range((count + LANES - 1) // LANES):
         o = first + block * RAY
-        open_ = unblocked(near, found, rays, o, _ALL)
-        for lane in range(min(LANES, count - block * LANES)):
-            value = _ZERO
-            if open_ >> lane & 1 and not stopped(world, work, site, rays, o + lane):
-                value = sky_along(world, site, rays, o + lane)
-            values[base + block * LANES + lane] = value
+        lanes = min(LANES, count - block * LANES)
+        at = base + block * LANES
+        values[at : at + lanes] = _ZERO
+        open_ = unblocked(near, found, rays, o, (1 << lanes) - 1)
+        while open_ != 0:
+            lane = trailing_zeros(open_)
+            open_ &= open_ - 1
+            if not stopped(world, work, site, rays, o + lane):
+                values[at + lane] = sky_along(world, site, rays, o + lane)
 
 
 @kernel(borrows=True, inner=True)

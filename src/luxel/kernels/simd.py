@@ -1,4 +1,4 @@
-"""Sixteen lanes of float32, int32 and booleans as Numba types with Python's operators.
+"""Sixteen lanes of float32, int32, uint64 and booleans as Numba types with Python's operators.
 
 Kernels read like the formulas: ``t = b - sqrt(disc)``, ``hit = (t > lo) & (t < hi)``. Scalars mix in and are broadcast.
 The types are LLVM vectors, so one source serves AVX-512 (one register), AVX2 (two) and NEON (four).
@@ -18,7 +18,7 @@ from numba.extending import intrinsic, models, register_model
 
 __all__ = [
     "FAR", "LANES", "any_lane", "bits", "fma", "fnma", "lane_max", "lane_min", "load", "mask_from_bits",
-    "popcount", "select", "splat", "splat_int", "store", "to_float", "to_int", "trailing_zeros", "vabs", "vfloor", "vmax", "vmin", "vrint", "vsqrt",
+    "popcount", "select", "splat", "splat_int", "store", "to_float", "to_int", "top_fraction", "trailing_zeros", "vabs", "vfloor", "vmax", "vmin", "vrint", "vsqrt",
 ]  # fmt: skip
 
 LANES = 16
@@ -44,17 +44,23 @@ class _IntLanes(_Lanes):
     pass
 
 
+class _WordLanes(_Lanes):
+    pass
+
+
 class _MaskLanes(_Lanes):
     pass
 
 
 F32 = _FloatLanes("f32", _F32)
 I32 = _IntLanes("i32", _I32)
+U64 = _WordLanes("u64", _I64)
 MASK = _MaskLanes("mask", _I1)
 
 
 @register_model(_FloatLanes)
 @register_model(_IntLanes)
+@register_model(_WordLanes)
 @register_model(_MaskLanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager, lanes):
@@ -77,6 +83,11 @@ def _scalar_to_f32(context, builder, source, target, value):
 @lower_cast(types.Integer, I32)
 def _scalar_to_i32(context, builder, source, target, value):
     return _broadcast(builder, context.cast(builder, value, source, types.int32), I32.vector)
+
+
+@lower_cast(types.Integer, U64)
+def _scalar_to_u64(context, builder, source, target, value):
+    return _broadcast(builder, context.cast(builder, value, source, types.uint64), U64.vector)
 
 
 def _is_scalar(kind):
@@ -113,6 +124,13 @@ for _op, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), 
     _operate(_op, F32, MASK, lambda b, x, y, s=_sign: b.fcmp_ordered(s, x, y))
 for _op, _sign in ((operator.eq, "=="), (operator.ne, "!=")):
     _operate(_op, I32, MASK, lambda b, x, y, s=_sign: b.icmp_signed(s, x, y))
+for _op, _name in (
+    (operator.add, "add"),
+    (operator.mul, "mul"),
+    (operator.xor, "xor"),
+    (operator.rshift, "lshr"),
+):
+    _operate(_op, U64, U64, lambda b, x, y, name=_name: getattr(b, name)(x, y))
 _operate(operator.and_, MASK, MASK, lambda b, x, y: b.and_(x, y))
 _operate(operator.or_, MASK, MASK, lambda b, x, y: b.or_(x, y))
 
@@ -141,12 +159,12 @@ def _pointer(context, builder, array_type, array, offset, vector):
 
 
 def _lanes_of(array):
-    return {types.float32: F32, types.int32: I32}.get(array.dtype)
+    return {types.float32: F32, types.int32: I32, types.uint64: U64}.get(array.dtype)
 
 
 @intrinsic
 def load(typingctx, array, offset):
-    """Load sixteen elements of a flat float32 or int32 array from `offset` on."""
+    """Load sixteen elements of a flat float32, int32 or uint64 array from `offset` on."""
     lanes = _lanes_of(array)
 
     def emit(context, builder, sig, args):
@@ -178,6 +196,18 @@ def splat(typingctx, x):
 def splat_int(typingctx, x):
     """Broadcast a whole number to int lanes."""
     return I32(types.int32), lambda context, builder, sig, args: _broadcast(builder, args[0], I32.vector)
+
+
+@intrinsic
+def top_fraction(typingctx, word):
+    """The top 24 bits of each lane as a fraction in [0, 1)."""
+
+    def emit(context, builder, sig, args):
+        top = builder.lshr(args[0], ir.Constant(U64.vector, [40] * LANES))
+        whole = builder.sitofp(builder.trunc(top, I32.vector), F32.vector)
+        return builder.fmul(whole, ir.Constant(F32.vector, [2.0**-24] * LANES), flags=_FLAGS)
+
+    return F32(U64), emit
 
 
 def _ternary(name, negate):

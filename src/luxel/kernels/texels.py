@@ -28,8 +28,8 @@ from luxel.kernels.rays import (
     sky_along,
     within_reach,
 )
-from luxel.kernels.rng import PURPOSE_TEXEL, next_state, path_key, uniform
-from luxel.kernels.simd import FAR, LANES, load
+from luxel.kernels.rng import PURPOSE_TEXEL, next_state, sample_key, texel_key, uniforms
+from luxel.kernels.simd import FAR, LANES, load, splat, store
 from luxel.kernels.tree_trace import scratch
 from luxel.kernels.warp import cone_directions, cosine_directions
 from luxel.kernels.waves import add_path, follow_paths, wave_scratch
@@ -39,35 +39,30 @@ __all__ = ["sample_texels"]
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@kernel
-def _draw(world, mapping, sphere, texel, texels, grid, rays, sun_rays, states):
+@kernel(borrows=True)
+def _draw(world, mapping, sphere, texel, texels, grid, numbers, cells, rays, sun_rays, states):
     """Draw a texel's first rays and those towards every sun, numbers as in ``path.luminance_at``."""
     row, column = texel // texels, texel % texels
     step = _ONE / np.float32(texels * grid)
+    left, top = splat(np.float32(column * grid)), splat(np.float32(row * grid))
     suns = world.lights.suns
-    count = grid * grid
-    for s in range((count + LANES - 1) // LANES * LANES):
-        sample = min(s, count - 1)
-        state = path_key(world.seed, sphere, texel, sample, PURPOSE_TEXEL)
-        if s < count:
-            states[s] = state
-        o = ray_word(s)
-        u, v = uniform(state)
-        rays[o] = (np.float32(column * grid + sample % grid) + u) * step
-        rays[o + LANES] = (np.float32(row * grid + sample // grid) + v) * step
-        state = next_state(state)
-        rays[o + 3 * LANES], rays[o + 4 * LANES] = uniform(state)
-        for q in range(suns.shape[0]):
-            state = next_state(state)
-            sun_rays[q, o + 3 * LANES], sun_rays[q, o + 4 * LANES] = uniform(state)
-    for block in range((count + LANES - 1) // LANES):
+    key = texel_key(world.seed, sphere, texel, PURPOSE_TEXEL)
+    for block in range((grid * grid + LANES - 1) // LANES):
         o = block * RAY
+        state = sample_key(key, load(numbers, block * LANES))
+        store(states, block * LANES, state)
+        u, v = uniforms(state)
+        x, y = load(cells[0], block * LANES), load(cells[1], block * LANES)
+        store(rays, o, (left + x + u) * step)
+        store(rays, o + LANES, (top + y + v) * step)
         texel_directions(mapping, rays, o)
         ax, ay, az = load(rays, o), load(rays, o + LANES), load(rays, o + 2 * LANES)
-        u, v = load(rays, o + 3 * LANES), load(rays, o + 4 * LANES)
+        state = next_state(state)
+        u, v = uniforms(state)
         put_rays(rays, o, ax, ay, az, cosine_directions(ax, ay, az, u, v))
         for q in range(suns.shape[0]):
-            u, v = load(sun_rays[q], o + 3 * LANES), load(sun_rays[q], o + 4 * LANES)
+            state = next_state(state)
+            u, v = uniforms(state)
             s = suns[q]
             put_rays(sun_rays[q], o, ax, ay, az, cone_directions(s[0], s[1], s[2], s[5], u, v))
 
@@ -143,8 +138,14 @@ def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
     work = scratch(world.tree.stack_size)
     near = near_scratch(blocks * LANES)
     rays = float_lines(blocks * RAY)
-    sun_rays = float_lines(max(1, suns) * blocks * RAY).reshape(max(1, suns), blocks * RAY)
-    states = np.zeros(count, np.uint64)
+    sun_rays = float_lines(suns * blocks * RAY).reshape(suns, blocks * RAY)
+    states = np.zeros(blocks * LANES, np.uint64)
+    # Samples that fill the last block up go with the last one. Cells: column and row of each within its texel.
+    numbers = np.zeros(blocks * LANES, np.uint64)
+    cells = float_lines(2 * blocks * LANES).reshape(2, blocks * LANES)
+    for s in range(blocks * LANES):
+        sample = min(s, count - 1)
+        numbers[s], cells[0, s], cells[1, s] = sample, sample % grid, sample // grid
     # Paths of a whole row of texels go on together, so that blocks of sixteen stay full.
     waves = wave_scratch(texels * count)
     values = np.zeros(texels * count, np.float32)
@@ -158,7 +159,7 @@ def sample_texels(world, mapping, ids, grid, frames, mean, variance, exposed):
             paths = 0
             for column in range(texels):
                 texel, base = row * texels + column, column * count
-                _draw(world, mapping, i, texel, texels, grid, rays, sun_rays, states)
+                _draw(world, mapping, i, texel, texels, grid, numbers, cells, rays, sun_rays, states)
                 if world.model == LAMBERTIAN:
                     _plain(world, work, site, rays, count, values, base, states)
                     continue

@@ -27,7 +27,20 @@ from luxel.kernels.simd import (
     vsqrt,
 )  # fmt: skip
 
-__all__ = ["CHILDREN", "IDS", "LEAF", "NODE", "Tree", "ask_for", "occluded", "scratch", "trace", "trace_rays"]
+__all__ = [
+    "BLOCKERS",
+    "CHILDREN",
+    "IDS",
+    "LEAF",
+    "NODE",
+    "Tree",
+    "ask_for",
+    "blocked",
+    "occluded",
+    "scratch",
+    "trace",
+    "trace_rays",
+]
 
 MISS = -1
 # Words of a node and of a leaf, and where the integers start: what is read together lies together.
@@ -36,6 +49,9 @@ LEAF, IDS = 5 * LANES, 4 * LANES
 # A sphere that a ray is about to leave does not block it: coincident and just-touching spheres stay lit.
 _EXIT_TOLERANCE = np.float32(1e-8)  # (1e-4 radii)²
 _TINY = np.float32(1e-12)
+_FAR = np.float32(1e30)
+#: Kinds of rays that `blocked` tells apart.
+BLOCKERS = 512
 
 
 class Tree(NamedTuple):
@@ -54,12 +70,20 @@ class Scratch(NamedTuple):
     node: np.ndarray
     near: np.ndarray
     lanes: np.ndarray
+    blockers: (
+        np.ndarray
+    )  # (BLOCKERS,) int32: first word of the leaf that blocked the last ray of a kind, or MISS
 
 
 @kernel
 def scratch(stack_size):
     """Allocate working memory for one thread's rays."""
-    return Scratch(np.empty(stack_size, np.int32), np.empty(stack_size, np.float32), float_lines(8 * LANES))
+    return Scratch(
+        np.empty(stack_size, np.int32),
+        np.empty(stack_size, np.float32),
+        float_lines(8 * LANES),
+        np.full(BLOCKERS, MISS, np.int32),
+    )
 
 
 @kernel(inline=True, borrows=True)
@@ -73,6 +97,24 @@ def ask_for(nodes, spheres, link):
             prefetch(nodes, 4 * (link * NODE + line))
 
 
+@kernel(inline=True, borrows=True)
+def _meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip):
+    """Which spheres of the leaf at word `o` a ray meets, and where."""
+    spheres, ids = tree.spheres, tree.ids
+    zero = splat(np.float32(0))
+    cx, cy, cz = load(spheres, o) - ox, load(spheres, o + LANES) - oy, load(spheres, o + 2 * LANES) - oz
+    vdx, vdy, vdz = splat(dx), splat(dy), splat(dz)
+    r2 = load(spheres, o + 3 * LANES)
+    b = fma(cx, vdx, fma(cy, vdy, cz * vdz))
+    # Distance of the ray's line to the centre first: no cancellation for far spheres.
+    px, py, pz = fnma(b, vdx, cx), fnma(b, vdy, cy), fnma(b, vdz, cz)
+    disc = fnma(px, px, fnma(py, py, fnma(pz, pz, r2)))
+    root = vsqrt(vmax(disc, zero))
+    t, out = b - root, b + root
+    hits = (disc >= zero) & (out > zero) & (out * out > r2 * _EXIT_TOLERANCE) & (t < limit)
+    return hits & (load(ids, o + IDS) != splat_int(skip)), t
+
+
 @kernel(borrows=True)
 def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
     """Follow one ray from (ox, oy, oz) along the unit vector (dx, dy, dz) for at most `limit`.
@@ -81,7 +123,14 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
     Sphere `skip` is left out: a ray leaving a convex surface never meets it again. With `any_hit`, the first
     sphere found will do and the distance means nothing.
     """
-    nodes, child, spheres, ids = tree.nodes, tree.child, tree.spheres, tree.ids
+    distance, hit = _find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit)
+    return distance, tree.ids[hit] if hit >= 0 else np.int32(MISS)
+
+
+@kernel(borrows=True)
+def _find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
+    """As `trace`, with the word that holds the particle's id instead of the id."""
+    nodes, child, spheres = tree.nodes, tree.child, tree.spheres
     stack, near, lanes = work.node, work.near, work.lanes
     one = np.float32(1)
     ix = one / (dx if abs(dx) > _TINY else _TINY)
@@ -131,29 +180,17 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
                 continue
         else:
             o = ~current * LEAF
-            cx = load(spheres, o) - ox
-            cy = load(spheres, o + LANES) - oy
-            cz = load(spheres, o + 2 * LANES) - oz
-            vdx, vdy, vdz = splat(dx), splat(dy), splat(dz)
-            r2 = load(spheres, o + 3 * LANES)
-            b = fma(cx, vdx, fma(cy, vdy, cz * vdz))
-            # Distance of the ray's line to the centre first: no cancellation for far spheres.
-            px, py, pz = fnma(b, vdx, cx), fnma(b, vdy, cy), fnma(b, vdz, cz)
-            disc = fnma(px, px, fnma(py, py, fnma(pz, pz, r2)))
-            root = vsqrt(vmax(disc, zero))
-            t, out = b - root, b + root
-            hits = (disc >= zero) & (out > zero) & (out * out > r2 * _EXIT_TOLERANCE) & (t < limit)
-            hits = hits & (load(ids, o + IDS) != splat_int(skip))
+            hits, t = _meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip)
             if any_lane(hits):
                 if any_hit:
-                    return np.float32(0), ids[o + IDS + trailing_zeros(bits(hits))]
-                t = select(hits, vmax(t, zero), splat(np.float32(1e30)))
+                    return np.float32(0), o + IDS + trailing_zeros(bits(hits))
+                t = select(hits, vmax(t, zero), splat(_FAR))
                 limit = lane_min(t)
                 hit = o + IDS + trailing_zeros(bits(t <= limit))
         while True:
             height -= 1
             if height < 0:
-                return limit, ids[hit] if hit >= 0 else np.int32(MISS)
+                return limit, hit
             if near[height] < limit:
                 break
         current = stack[height]
@@ -163,6 +200,21 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
 def occluded(tree, work, ox, oy, oz, dx, dy, dz, limit, skip):
     """Whether any sphere but `skip` meets the ray before `limit`."""
     return trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, True)[1] >= 0
+
+
+@kernel(borrows=True)
+def blocked(tree, work, ox, oy, oz, dx, dy, dz, skip, kind):
+    """As `occluded`, for a ray of one of `BLOCKERS` kinds, however far.
+
+    If the last ray of its kind was blocked, then by a leaf that is looked at first: rays from about the same place in about the same direction
+    are often blocked by the same few spheres.
+    """
+    leaf = work.blockers[kind]
+    if leaf >= 0 and any_lane(_meet_leaf(tree, leaf, ox, oy, oz, dx, dy, dz, _FAR, skip)[0]):
+        return True
+    hit = _find(tree, work, ox, oy, oz, dx, dy, dz, _FAR, skip, True)[1]
+    work.blockers[kind] = hit // LEAF * LEAF if hit >= 0 else MISS
+    return hit >= 0
 
 
 @kernel

@@ -16,7 +16,8 @@ from luxel.kernels.memory import float_lines, int_lines
 from luxel.kernels.near import EXIT, GIANT
 from luxel.kernels.path import path_tail, survival
 from luxel.kernels.periodic import HERE
-from luxel.kernels.rng import next_state, uniform
+from luxel.kernels.rays import ray_kind
+from luxel.kernels.rng import next_state, uniforms
 from luxel.kernels.simd import (
     FAR,
     LANES,
@@ -35,7 +36,7 @@ from luxel.kernels.simd import (
     vmax,
     vsqrt,
 )
-from luxel.kernels.tree_trace import MISS, occluded, trace
+from luxel.kernels.tree_trace import MISS, blocked, trace
 from luxel.kernels.warp import cone_directions, cosine_directions
 
 __all__ = ["Waves", "add_path", "follow_paths", "wave_scratch"]
@@ -51,7 +52,7 @@ class Waves(NamedTuple):
     point: np.ndarray  # (n, 3) float32 where
     weight: np.ndarray  # (n,) float32
     light: np.ndarray  # (n,) float32 found so far
-    state: np.ndarray  # (n,) uint64 of its random numbers
+    state: np.ndarray  # (n + 16,) uint64 of its random numbers
     offset: np.ndarray  # (n, 3) float32, see ``periodic.follow``; in periodic cells only
     start: np.ndarray  # (3 * 16,) float32, in radii of the particle from its centre
     direction: np.ndarray  # (3 * 16,) float32
@@ -62,7 +63,7 @@ class Waves(NamedTuple):
     center: (
         np.ndarray
     )  # (4 * 16,) float32 x, y, z, r of the spheres that rays leave; then the points where they do
-    random: np.ndarray  # (2 * 16,) float32
+    random: np.ndarray  # (16,) float32
     exit: (
         np.ndarray
     )  # (16,) float32 distance in radii at which rays leave the near ball, negative if they start outside
@@ -78,10 +79,10 @@ def wave_scratch(paths):
     """Allocate for at most `paths` paths."""
     return Waves(
         np.zeros(paths, np.int32), np.zeros(paths, np.int32), np.zeros((paths, 3), np.float32),
-        np.zeros(paths, np.float32), np.zeros(paths, np.float32), np.zeros(paths, np.uint64),
+        np.zeros(paths, np.float32), np.zeros(paths, np.float32), np.zeros(paths + LANES, np.uint64),
         np.zeros((paths, 3), np.float32), float_lines(3 * LANES), float_lines(3 * LANES),
         int_lines(LANES), float_lines(LANES), int_lines(LANES),
-        float_lines(3 * LANES), float_lines(4 * LANES), float_lines(2 * LANES),
+        float_lines(3 * LANES), float_lines(4 * LANES), float_lines(LANES),
         float_lines(LANES), float_lines(3 * LANES), int_lines(LANES),
     )  # fmt: skip
 
@@ -204,15 +205,20 @@ def _normal(waves, lane):
     return waves.normal[lane], waves.normal[LANES + lane], waves.normal[2 * LANES + lane]
 
 
+@kernel(inline=True, borrows=True)
+def _draw(waves, first):
+    """Two random numbers for each of sixteen paths."""
+    state = next_state(load(waves.state, first))
+    store(waves.state, first, state)
+    return uniforms(state)
+
+
 @kernel(borrows=True)
 def _sunlight(world, work, near, known, site, waves, first, count, alive, sun):
     """Add the light of a sun at the points of those of sixteen paths that are `alive`."""
-    random, s = waves.random, world.lights.suns[sun]
-    for lane in range(count):
-        k = first + lane
-        waves.state[k] = next_state(waves.state[k])
-        random[lane], random[LANES + lane] = uniform(waves.state[k])
-    dx, dy, dz = cone_directions(s[0], s[1], s[2], s[5], load(random, 0), load(random, LANES))
+    s = world.lights.suns[sun]
+    u, v = _draw(waves, first)
+    dx, dy, dz = cone_directions(s[0], s[1], s[2], s[5], u, v)
     store(waves.direction, 0, dx)
     store(waves.direction, LANES, dy)
     store(waves.direction, 2 * LANES, dz)
@@ -233,7 +239,8 @@ def _sunlight(world, work, near, known, site, waves, first, count, alive, sun):
             continue
         before = max(waves.exit[lane], _ZERO) * site.r
         x, y, z = x + before * dx, y + before * dy, z + before * dz
-        if not occluded(world.tree, work, x, y, z, dx, dy, dz, FAR, waves.skip[lane]):
+        kind = ray_kind(x - site.x, y - site.y, z - site.z, max(site.reach, _ONE) * site.r, dx, dy, dz)
+        if not blocked(world.tree, work, x, y, z, dx, dy, dz, waves.skip[lane], kind):
             k = first + lane
             waves.light[k] += waves.weight[k] * sun_luminance(world.lights, sun, waves.t[lane])
 
@@ -250,24 +257,24 @@ def _move(waves, k, to):
 def _roulette(world, waves, count, bounce, values):
     """Let paths survive by their weight; return how many do."""
     alive = 0
-    for k in range(count):
-        weight = waves.weight[k] * world.albedo
-        chance = survival(weight, world.keep, bounce)
-        waves.state[k] = next_state(waves.state[k])
-        u, _ = uniform(waves.state[k])
-        if u >= chance:
-            values[waves.ray[k]] += waves.light[k]
-        else:
-            waves.weight[k] = weight / chance
-            _move(waves, k, alive)
-            alive += 1
+    for first in range(0, count, LANES):
+        store(waves.random, 0, _draw(waves, first)[0])
+        for k in range(first, min(first + LANES, count)):
+            weight = waves.weight[k] * world.albedo
+            chance = survival(weight, world.keep, bounce)
+            if waves.random[k - first] >= chance:
+                values[waves.ray[k]] += waves.light[k]
+            else:
+                waves.weight[k] = weight / chance
+                _move(waves, k, alive)
+                alive += 1
     return alive
 
 
 @kernel(borrows=True)
 def _aim(world, site, waves, first, count):
     """Put sixteen paths on their spheres, and their next rays into the block."""
-    center, random = waves.center, waves.random
+    center = waves.center
     for lane in range(LANES):
         k = first + min(lane, count - 1)  # what an earlier block has left must not slow this one down
         sphere = waves.sphere[k]
@@ -276,15 +283,14 @@ def _aim(world, site, waves, first, count):
         center[LANES + lane], center[2 * LANES + lane] = world.centers[sphere, 1], world.centers[sphere, 2]
         for c in range(3):
             waves.start[c * LANES + lane] = waves.point[k, c]
-        if lane < count:
-            waves.state[k] = next_state(waves.state[k])
-        random[lane], random[LANES + lane] = uniform(waves.state[k])
+        waves.state[first + lane] = waves.state[k]
     cx, cy, cz = load(center, 0), load(center, LANES), load(center, 2 * LANES)
     r = load(center, 3 * LANES)
     x, y, z = load(waves.start, 0) - cx, load(waves.start, LANES) - cy, load(waves.start, 2 * LANES) - cz
     scale = splat(_ONE) / vsqrt(fma(x, x, fma(y, y, z * z)))
     nx, ny, nz = x * scale, y * scale, z * scale
-    dx, dy, dz = cosine_directions(nx, ny, nz, load(random, 0), load(random, LANES))
+    u, v = _draw(waves, first)
+    dx, dy, dz = cosine_directions(nx, ny, nz, u, v)
     store(waves.direction, 0, dx)
     store(waves.direction, LANES, dy)
     store(waves.direction, 2 * LANES, dz)
