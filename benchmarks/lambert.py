@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels import tiles
+from luxel.kernels import frustum
 from luxel.kernels.path import World
 from luxel.picture.drawing import Crew, bare_table, draw_rays, make_skin
 from luxel.textures.textures import TextureTable
@@ -15,7 +15,7 @@ __all__ = ["draw_lambert", "draw_textured"]
 
 def draw_lambert(
     world: World,
-    eye: tiles.Eye,
+    eye: frustum.Eye,
     colors: NDArray[np.float32],
     total: NDArray[np.float32],
     blank: NDArray[np.uint8],
@@ -40,7 +40,7 @@ def draw_lambert(
 
 def draw_textured(
     world: World,
-    eye: tiles.Eye,
+    eye: frustum.Eye,
     table: TextureTable,
     colors: NDArray[np.float32],
     total: NDArray[np.float32],

@@ -7,7 +7,7 @@ import pytest
 
 import luxel
 from luxel.errors import InputError
-from luxel.kernels import tiles
+from luxel.kernels import frustum, tiles
 from luxel.picture import bands
 from luxel.picture.bands import draw_bands
 from luxel.picture.drawing import id_at, make_eye, part_of, seen_tree
@@ -27,7 +27,7 @@ def looks() -> list[luxel.View]:
     ]
 
 
-def ids(tree: object, eye: tiles.Eye, size: tuple[int, int], shift: tuple[float, float]) -> np.ndarray:
+def ids(tree: object, eye: frustum.Eye, size: tuple[int, int], shift: tuple[float, float]) -> np.ndarray:
     found = np.empty(size[::-1], np.int32)
     distance = np.empty(size[::-1], np.float32)
     x, y = (np.float32(each + 0.5) for each in shift)

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from luxel.kernels.frame import add_ray, collect_hits, find_slots, light_hits
+from luxel.kernels.frame import collect_hits, find_slots, light_hits
+from luxel.kernels.frustum import cut_tree
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import take
+from luxel.kernels.simd import fma_one
 from luxel.kernels.textured import LIGHT, T
-from luxel.kernels.tiles import RAYS, TILE, block_of, meets_leaf, place_of, trace_points
+from luxel.kernels.tiles import RAYS, TILE, block_of, place_of, trace_points
 from luxel.kernels.tone import develop_block
 
 __all__ = ["draw_folded"]
@@ -61,13 +63,21 @@ def _keep_nothing(kept, q):
 @kernel(borrows=True)
 def _fold(kept, rays, colors, total, x, y):
     """Add up what is kept of 8 × 8 pixels, in `total` from column x and row y on."""
-    for row in range(y, min(y + TILE, total.shape[0])):
-        total[row, x : x + TILE, :] = _ZERO
-    for k in range(rays):
-        for j in range(RAYS):
-            i = kept.who[k * RAYS + j]
+    for j in range(RAYS):
+        red = green = blue = light = hits = _ZERO
+        for at in range(j, rays * RAYS, RAYS):
+            i = kept.who[at]
             if i >= 0:
-                add_ray(total, y + j // TILE, x + j % TILE, colors, i, kept.light[k * RAYS + j], False)
+                brings = kept.light[at]
+                red = fma_one(brings, colors[i, 0], red)
+                green = fma_one(brings, colors[i, 1], green)
+                blue = fma_one(brings, colors[i, 2], blue)
+                light = fma_one(brings, _ONE, light)
+                hits += _ONE
+        row, column = y + j // TILE, x + j % TILE
+        if row < total.shape[0] and column < total.shape[1]:
+            pixel = total[row, column]
+            pixel[0], pixel[1], pixel[2], pixel[3], pixel[4] = red, green, blue, light, hits
 
 
 @kernel(borrows=True)
@@ -82,7 +92,9 @@ def _note_centres(kept, met, centre, width, height, tx, ty, distance, ids):
 
 
 @kernel(borrows=True)
-def _draw_pixels(tree, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench):
+def _draw_pixels(
+    tree, node, link, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench
+):
     """Trace and light the rays of 8 × 8 pixels, and keep what they bring; returns whether any came near a sphere."""
     fold = shifts_x.shape[0]
     columns, rows = fold * width, fold * height
@@ -96,8 +108,8 @@ def _draw_pixels(tree, lights, eye, shifts_x, shifts_y, left, top, skin, width, 
             x, y = q % fold * TILE, q // fold * TILE
             _point(bench.tile, fold, q, tx, ty, shifts_x, shifts_y)
             if not trace_points(
-                tree, eye, bench.tile, width, height, left + np.float32(x) * across, top - np.float32(y) * down,
-                np.float32(TILE) * across, np.float32(TILE) * down,
+                tree, node, link, eye, bench.tile, width, height, left + np.float32(x) * across,
+                top - np.float32(y) * down, np.float32(TILE) * across, np.float32(TILE) * down,
             ):  # fmt: skip
                 _keep_nothing(bench.kept, q)
                 continue
@@ -155,10 +167,14 @@ def draw_folded(
             for tx in range(x, right, TILE):
                 left = (np.float32(tx) + base_x) * wide - _ONE
                 top = _ONE - (np.float32(ty) + base_y) * high
-                met = meets_leaf(
-                    tree, eye, bench.tile, left, top, np.float32(TILE) * wide, np.float32(TILE) * high
-                ) and _draw_pixels(
-                    tree, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench
+                met, node, link = True, tree.nodes, tree.child
+                if fold > 1:  # what several tiles of rays share pays
+                    met = cut_tree(
+                        tree, eye, bench.cut, left, top, np.float32(TILE) * wide, np.float32(TILE) * high
+                    )
+                    node, link = bench.cut.node, bench.cut.link
+                met = met and _draw_pixels(
+                    tree, node, link, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench
                 )  # fmt: skip
                 if met:
                     blank[ty // TILE, tx // TILE] = 0
@@ -166,4 +182,6 @@ def draw_folded(
                 if ids.shape[0] > 0:
                     _note_centres(bench.kept, met, centre, width, height, tx, ty, distance, ids)
         if picture.shape[0] > 0:
-            develop_block(sums, above, before, blank, fold * fold, tone, x, right, y, bottom, picture)
+            develop_block(
+                sums, above, before, blank, fold * fold, tone, x, right, y, bottom, picture, bench.spare
+            )

@@ -13,12 +13,13 @@ import numpy as np
 
 from luxel.kernels import FIRST_LIGHT
 from luxel.kernels.direct import lambert_lanes
+from luxel.kernels.frustum import Cut, make_cut
 from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
 from luxel.kernels.memory import float_lines, int_lines, prefetch, take
 from luxel.kernels.seen import mark_seen
-from luxel.kernels.simd import LANES, fma, load, splat, store, vmax, vsqrt
+from luxel.kernels.simd import LANES, fma, fma_one, load, splat, store, vmax, vsqrt
 from luxel.kernels.textured import (
     APART,
     DX,
@@ -82,6 +83,7 @@ class Bench(NamedTuple):
     opened: Opened
     hits: tuple  # three Hits: of the tiles whose particles, slots, and textures are under way
     kept: Kept
+    cut: Cut
 
 
 def make_bench(stack_size: int, words: int, rays: int) -> Bench:
@@ -106,6 +108,7 @@ def make_bench(stack_size: int, words: int, rays: int) -> Bench:
             float_lines(rays * RAYS),
             np.zeros((BLOCK if rays else 0, BLOCK, 5), np.float32),
         ),
+        make_cut(),
     )
 
 
@@ -236,9 +239,9 @@ def add_ray(total, y, x, colors, i, light, first):
         pixel[0], pixel[1], pixel[2] = light * colors[i, 0], light * colors[i, 1], light * colors[i, 2]
         pixel[3], pixel[4] = light, _ONE
     else:
-        pixel[0] += light * colors[i, 0]
-        pixel[1] += light * colors[i, 1]
-        pixel[2] += light * colors[i, 2]
+        pixel[0] = fma_one(light, colors[i, 0], pixel[0])
+        pixel[1] = fma_one(light, colors[i, 1], pixel[1])
+        pixel[2] = fma_one(light, colors[i, 2], pixel[2])
         pixel[3] += light
         pixel[4] += _ONE
 
@@ -346,4 +349,4 @@ def draw_frame(
             traced, found, ready = ready, traced, found
             ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:
-            develop_block(total, 0, 0, blank, rays, tone, left, right, top, bottom, picture)
+            develop_block(total, 0, 0, blank, rays, tone, left, right, top, bottom, picture, bench.spare)

@@ -17,7 +17,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, models, register_model
 
 __all__ = [
-    "FAR", "LANES", "any_lane", "bits", "fma", "fnma", "lane_max", "lane_min", "load", "mask_from_bits",
+    "FAR", "LANES", "any_lane", "bits", "fma", "fma_one", "fnma", "lane_max", "lane_min", "load", "mask_from_bits",
     "popcount", "select", "splat", "splat_int", "store", "to_float", "to_int", "top_fraction", "trailing_zeros", "vabs", "vfloor", "vmax", "vmin", "vrint", "vsqrt",
 ]  # fmt: skip
 
@@ -227,6 +227,16 @@ def _ternary(name, negate):
 
 fma = _ternary("fma", negate=False)  # a*b + c
 fnma = _ternary("fnma", negate=True)  # c - a*b
+
+
+@intrinsic
+def fma_one(typingctx, a, b, c):
+    """a·b + c of single numbers, rounded once on every processor, and added up in the order in which it is written."""
+
+    def emit(context, builder, sig, args):
+        return _call(builder, "llvm.fma.f32", _F32, list(args))
+
+    return types.float32(types.float32, types.float32, types.float32), emit
 
 
 def _unary(name, intrinsic_name):

@@ -10,6 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from luxel.kernels.frustum import (
+    Frustum,
+    depth_inside,
+    height_above,
+    look_through,
+    make_frustum,
+)
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import float_lines, int_lines
 from luxel.kernels.simd import (
@@ -34,11 +41,9 @@ from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE, ask_for
 __all__ = [
     "RAYS",
     "TILE",
-    "Eye",
     "Tile",
     "block_of",
     "make_tile",
-    "meets_leaf",
     "note_nearest",
     "place_of",
     "primary_ray",
@@ -54,21 +59,6 @@ _FAR = np.float32(1e30)
 _ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0, 0.5, 1, 2))
 
 
-class Eye(NamedTuple):
-    """A camera in normalised units.
-
-    Perspective rays leave `origin` towards forward + sx·right + sy·up; orthographic rays leave
-    origin + sx·right + sy·up along forward. (sx, sy) run over [-1, 1] from the left and from the bottom.
-    right, up and forward are perpendicular, and forward has length 1.
-    """
-
-    origin: np.ndarray  # (3,) float32
-    right: np.ndarray
-    up: np.ndarray
-    forward: np.ndarray
-    orthographic: bool
-
-
 class Tile(NamedTuple):
     """Working memory of one thread, and what `trace_tile` leaves there: rays, and what they hit first."""
 
@@ -79,8 +69,7 @@ class Tile(NamedTuple):
     )  # (64,) int32 word of the tree's leaves that holds the particle's id; -1 for the background
     places: np.ndarray  # (2 · 64,) float32: column and row of each ray within the tile
     points: np.ndarray  # (2 · 64,) float32: image point of each ray, in pixels
-    planes: np.ndarray  # (6 · 4,) float32 normals and offsets: left, right, top, bottom, the two middles
-    sides: np.ndarray  # (12,) int64 which face of a box lies farthest inside of each plane
+    frustum: Frustum
     stack: np.ndarray
     near: np.ndarray
     lanes: np.ndarray
@@ -99,8 +88,7 @@ def make_tile(stack_size):
         int_lines(RAYS),
         places,
         float_lines(2 * RAYS),
-        float_lines(6 * 4),
-        np.empty(12, np.int64),
+        make_frustum(),
         np.empty(stack_size, np.int32),
         float_lines(stack_size),
         float_lines(4 * LANES),
@@ -173,84 +161,50 @@ def _aim(eye, tile, width, height):
         store(rays, 5 * RAYS + v, dz)
 
 
-@kernel(borrows=True)
-def _put_planes(planes, eye, left, top, wide, high):
-    """Write six planes through the eye and a line of the picture: left, right, top, bottom, and the tile's two middles.
-
-    The first four are positive inside of the tile, which goes from sx = `left` and sy = `top` over `wide` and `high`; the
-    middles are positive to the right and above.
-    """
-    for p in range(6):
-        upright = p < 2 or p == 4
-        axis = eye.right if upright else eye.up
-        part = _HALF if p >= 4 else np.float32(p & 1)
-        line = left + part * wide if upright else top - part * high
-        scale = _ONE / (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
-        tilt = _ZERO if eye.orthographic else line
-        nx = axis[0] * scale - tilt * eye.forward[0]
-        ny = axis[1] * scale - tilt * eye.forward[1]
-        nz = axis[2] * scale - tilt * eye.forward[2]
-        norm = (-_ONE if p == 1 or p == 2 else _ONE) / np.sqrt(nx * nx + ny * ny + nz * nz)
-        nx, ny, nz = nx * norm, ny * norm, nz * norm
-        planes[4 * p], planes[4 * p + 1], planes[4 * p + 2] = nx, ny, nz
-        planes[4 * p + 3] = (
-            -(nx * eye.origin[0] + ny * eye.origin[1] + nz * eye.origin[2]) - (line - tilt) * norm
-        )
-
-
 @kernel(inline=True, borrows=True)
-def _height_above(planes, p, x, y, z):
-    """Signed distances of sixteen points from plane p."""
-    o = 4 * p
-    return fma(
-        x, splat(planes[o]), fma(y, splat(planes[o + 1]), fma(z, splat(planes[o + 2]), splat(planes[o + 3])))
+def _choose_children(nodes, child, o, tree, eye, tile, slack, limit, height):
+    """Put those children of the node at word `o` on the stack that rays of the tile may meet before `limit`, the nearest on top; returns the stack's height."""
+    stack, near, lanes = tile.stack, tile.near, tile.lanes
+    ox, oy, oz = eye.origin[0], eye.origin[1], eye.origin[2]
+    fx, fy, fz = eye.forward[0], eye.forward[1], eye.forward[2]
+    inside = depth_inside(tile.frustum, nodes, o)
+    lx, ly, lz = load(nodes, o) - ox, load(nodes, o + LANES) - oy, load(nodes, o + 2 * LANES) - oz
+    hx, hy, hz = (
+        load(nodes, o + 3 * LANES) - ox,
+        load(nodes, o + 4 * LANES) - oy,
+        load(nodes, o + 5 * LANES) - oz,
     )
-
-
-@kernel(inline=True, borrows=True)
-def _look_through(eye, tile, left, top, wide, high):
-    """Put the planes of a tile, see `_put_planes`; returns by how much rounding may move them."""
-    planes, sides = tile.planes, tile.sides
-    _put_planes(planes, eye, left, top, wide, high)
-    for c in range(4):
-        for a in range(3):
-            sides[3 * c + a] = ((3 if planes[4 * c + a] > 0 else 0) + a) * LANES
-    # It grows with the distance of the eye.
-    return splat(np.float32(-1e-6) * (_TWO + abs(eye.origin[0]) + abs(eye.origin[1]) + abs(eye.origin[2])))
-
-
-@kernel(inline=True, borrows=True)
-def _depth_inside(planes, sides, nodes, o):
-    """How far sixteen boxes reach inside of the four sides of a tile; negative for those outside of one."""
-    inside = splat(_FAR)
-    for c in range(4):
-        x, y, z = (
-            load(nodes, o + sides[3 * c]),
-            load(nodes, o + sides[3 * c + 1]),
-            load(nodes, o + sides[3 * c + 2]),
+    if eye.orthographic:
+        ahead = vmin(lx * fx, hx * fx) + vmin(ly * fy, hy * fy) + vmin(lz * fz, hz * fz)
+    else:
+        zero = splat(_ZERO)
+        ax, ay, az = (
+            vmax(zero, vmax(lx, -hx)),
+            vmax(zero, vmax(ly, -hy)),
+            vmax(zero, vmax(lz, -hz)),
         )
-        inside = vmin(inside, _height_above(planes, c, x, y, z))
-    return inside
-
-
-@kernel(borrows=True, inner=True)
-def meets_leaf(tree, eye, tile, left, top, wide, high):
-    """Whether a leaf of the tree may be seen through a part of the picture: sx from `left` over `wide`, sy from `top` down over `high`."""
-    nodes, child, stack = tree.nodes, tree.child, tile.stack
-    slack = _look_through(eye, tile, left, top, wide, high)
-    height, current = 0, 0
-    while current >= 0:
-        o = current * NODE
-        m = bits(_depth_inside(tile.planes, tile.sides, nodes, o) >= slack)
-        while m != 0:
-            stack[height] = child[o + CHILDREN + trailing_zeros(m)]
+        ahead = vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
+    m = bits((inside >= slack) & (ahead < limit))
+    store(lanes, 0, ahead)
+    base = o + CHILDREN
+    if m & (m - 1) == 0:
+        if m != 0:
+            k = trailing_zeros(m)
+            stack[height], near[height] = child[base + k], lanes[k]
             height += 1
-            m &= m - 1
-        if height == 0:
-            return False
-        height -= 1
-        current = stack[height]
-    return True
+        return height
+    rest = m
+    while rest != 0:  # by rank, since a sort's branches cannot be predicted
+        k = trailing_zeros(rest)
+        rest &= rest - 1
+        t = lanes[k]
+        link = child[base + k]
+        farther = bits(ahead > t) & m
+        level = bits(ahead >= t) & m & ~farther & ((1 << k) - 1)
+        j = height + popcount(farther) + popcount(level)
+        stack[j], near[j] = link, t
+        ask_for(tree.nodes, tree.spheres, link)
+    return height + popcount(m)
 
 
 @kernel(borrows=True, inner=True)
@@ -268,142 +222,96 @@ def trace_tile(tree, eye, tile, width, height, tx, ty, shift_x, shift_y):
     left = (np.float32(tx) + np.floor(shift_x)) * across - _ONE
     top = _ONE - (np.float32(ty) + np.floor(shift_y)) * down
     return trace_points(
-        tree, eye, tile, width, height, left, top, np.float32(TILE) * across, np.float32(TILE) * down
-    )
+        tree, tree.nodes, tree.child, eye, tile, width, height, left, top,
+        np.float32(TILE) * across, np.float32(TILE) * down,
+    )  # fmt: skip
 
 
 @kernel(borrows=True, inner=True)
-def trace_points(tree, eye, tile, width, height, left, top, wide, high):
+def trace_points(tree, node, link, eye, tile, width, height, left, top, wide, high):
     """As `trace_tile`, through ``tile.points``, which lie where sx goes from `left` over `wide`, and sy from `top` down over `high`.
 
-    They lie in squares as `place_of` says, so that a middle column and row of the part has half of them to each side.
+    They lie in squares as `place_of` says, so that a middle column and row of the part has half of them to each side. The tree is
+    entered by `node` and `link`: its own, or a ``frustum.Cut`` of a rectangle around this one.
     """
-    nodes, child, spheres = tree.nodes, tree.child, tree.spheres
-    stack, near, lanes, rays, best, found = (
-        tile.stack,
-        tile.near,
-        tile.lanes,
-        tile.rays,
-        tile.best,
-        tile.found,
-    )
-    planes, sides = tile.planes, tile.sides
+    spheres = tree.spheres
+    stack, near, rays, best, found = tile.stack, tile.near, tile.rays, tile.best, tile.found
+    planes = tile.frustum.planes
     ortho = eye.orthographic
     ox, oy, oz = eye.origin[0], eye.origin[1], eye.origin[2]
     fx, fy, fz = eye.forward[0], eye.forward[1], eye.forward[2]
     zero = splat(_ZERO)
-    slack = _look_through(eye, tile, left, top, wide, high)
+    slack = look_through(eye, tile.frustum, left, top, wide, high)
     aimed = False
     # No ray of the tile, or of each of its blocks, goes farther.
     limit = far0 = far1 = far2 = far3 = _FAR
-    height_of_stack = 0
-    current = 0
-    while True:
+    stacked = _choose_children(node, link, 0, tree, eye, tile, slack, limit, 0)
+    while stacked > 0:
+        stacked -= 1
+        if near[stacked] >= limit:
+            continue
+        current = stack[stacked]
         if current >= 0:
-            o = current * NODE
-            inside = _depth_inside(planes, sides, nodes, o)
-            lx, ly, lz = load(nodes, o) - ox, load(nodes, o + LANES) - oy, load(nodes, o + 2 * LANES) - oz
-            hx, hy, hz = (
-                load(nodes, o + 3 * LANES) - ox,
-                load(nodes, o + 4 * LANES) - oy,
-                load(nodes, o + 5 * LANES) - oz,
+            stacked = _choose_children(
+                tree.nodes, tree.child, current * NODE, tree, eye, tile, slack, limit, stacked
             )
-            if ortho:
-                ahead = vmin(lx * fx, hx * fx) + vmin(ly * fy, hy * fy) + vmin(lz * fz, hz * fz)
-            else:
-                ax, ay, az = (
-                    vmax(zero, vmax(lx, -hx)),
-                    vmax(zero, vmax(ly, -hy)),
-                    vmax(zero, vmax(lz, -hz)),
-                )
-                ahead = vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
-            m = bits((inside >= slack) & (ahead < limit))
-            if m != 0:
-                base = o + CHILDREN
-                if m & (m - 1) == 0:
-                    current = child[base + trailing_zeros(m)]
-                    continue
-                store(lanes, 0, ahead)
-                rest = m
-                while rest != 0:  # nearest on top; by rank, since a sort's branches cannot be predicted
-                    k = trailing_zeros(rest)
-                    rest &= rest - 1
-                    t = lanes[k]
-                    link = child[base + k]
-                    farther = bits(ahead > t) & m
-                    level = bits(ahead >= t) & m & ~farther & ((1 << k) - 1)
-                    j = height_of_stack + popcount(farther) + popcount(level)
-                    stack[j], near[j] = link, t
-                    ask_for(nodes, spheres, link)
-                height_of_stack += popcount(m) - 1
-                current = stack[height_of_stack]
-                continue
+            continue
+        o = ~current * LEAF
+        cx, cy, cz = load(spheres, o), load(spheres, o + LANES), load(spheres, o + 2 * LANES)
+        r2 = load(spheres, o + 3 * LANES)
+        r = vsqrt(vmax(r2, zero))
+        edge = slack - r
+        touches = r2 > zero
+        for c in range(4):
+            touches = touches & (height_above(planes, c, cx, cy, cz) >= edge)
+        ex, ey, ez = cx - ox, cy - oy, cz - oz
+        if ortho:
+            ahead = fma(ex, splat(fx), fma(ey, splat(fy), ez * fz))
         else:
-            o = ~current * LEAF
-            cx, cy, cz = load(spheres, o), load(spheres, o + LANES), load(spheres, o + 2 * LANES)
-            r2 = load(spheres, o + 3 * LANES)
-            r = vsqrt(vmax(r2, zero))
-            edge = slack - r
-            touches = r2 > zero
-            for c in range(4):
-                touches = touches & (_height_above(planes, c, cx, cy, cz) >= edge)
-            ex, ey, ez = cx - ox, cy - oy, cz - oz
-            if ortho:
-                ahead = fma(ex, splat(fx), fma(ey, splat(fy), ez * fz))
-            else:
-                ahead = vsqrt(fma(ex, ex, fma(ey, ey, ez * ez)))
-            ahead = ahead + edge
-            across, above = _height_above(planes, 4, cx, cy, cz), _height_above(planes, 5, cx, cy, cz)
-            north, south = touches & (above >= edge), touches & (above <= -edge)
-            west, east = across <= -edge, across >= edge
-            # One loop over spheres of all blocks: where loops end cannot be predicted, and costs as much as three spheres.
-            m = bits(north & west & (ahead < far0)) | bits(north & east & (ahead < far1)) << LANES
-            m |= bits(south & west & (ahead < far2)) << 2 * LANES
-            m |= bits(south & east & (ahead < far3)) << 3 * LANES
-            if m != 0:
-                if not aimed:
-                    aimed = True
-                    _aim(eye, tile, width, height)
-                    for v in range(0, RAYS, LANES):
-                        store(best, v, splat(_FAR))
-                        store(found, v, splat_int(np.int32(-1)))
-                store(lanes, 0, cx)
-                store(lanes, LANES, cy)
-                store(lanes, 2 * LANES, cz)
-                store(lanes, 3 * LANES, r2)
-                while m != 0:
-                    k = trailing_zeros(m)
-                    m &= m - 1
-                    v = k & ~(LANES - 1)
-                    k &= LANES - 1
-                    nearest, who = load(best, v), load(found, v)
-                    dx, dy, dz = load(rays, 3 * RAYS + v), load(rays, 4 * RAYS + v), load(rays, 5 * RAYS + v)
-                    sx, sy, sz = lanes[k], lanes[LANES + k], lanes[2 * LANES + k]
-                    if ortho:
-                        ex, ey, ez = (
-                            sx - load(rays, v),
-                            sy - load(rays, RAYS + v),
-                            sz - load(rays, 2 * RAYS + v),
-                        )
-                    else:
-                        ex, ey, ez = splat(sx - ox), splat(sy - oy), splat(sz - oz)
-                    b = fma(dx, ex, fma(dy, ey, dz * ez))
-                    px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
-                    disc = fnma(px, px, fnma(py, py, fnma(pz, pz, splat(lanes[3 * LANES + k]))))
-                    # No branch: it would be mispredicted every other time. A hit has disc > 0 and t > 0.
-                    t = b - vsqrt(vmax(disc, zero))
-                    t = select(vmin(disc, t) > zero, t, splat(_FAR))
-                    store(found, v, select(t < nearest, splat_int(np.int32(o + IDS + k)), who))
-                    store(best, v, vmin(t, nearest))
-                far0, far1 = lane_max(load(best, 0)), lane_max(load(best, LANES))
-                far2, far3 = lane_max(load(best, 2 * LANES)), lane_max(load(best, 3 * LANES))
-                limit = max(max(far0, far1), max(far2, far3))
-        while height_of_stack > 0 and near[height_of_stack - 1] >= limit:
-            height_of_stack -= 1
-        if height_of_stack == 0:
-            return aimed
-        height_of_stack -= 1
-        current = stack[height_of_stack]
+            ahead = vsqrt(fma(ex, ex, fma(ey, ey, ez * ez)))
+        ahead = ahead + edge
+        across, above = height_above(planes, 4, cx, cy, cz), height_above(planes, 5, cx, cy, cz)
+        north, south = touches & (above >= edge), touches & (above <= -edge)
+        west, east = across <= -edge, across >= edge
+        # One loop over spheres of all blocks: where loops end cannot be predicted, and costs as much as three spheres.
+        m = bits(north & west & (ahead < far0)) | bits(north & east & (ahead < far1)) << LANES
+        m |= bits(south & west & (ahead < far2)) << 2 * LANES
+        m |= bits(south & east & (ahead < far3)) << 3 * LANES
+        if m != 0:
+            if not aimed:
+                aimed = True
+                _aim(eye, tile, width, height)
+                for v in range(0, RAYS, LANES):
+                    store(best, v, splat(_FAR))
+                    store(found, v, splat_int(np.int32(-1)))
+            while m != 0:
+                k = trailing_zeros(m)
+                m &= m - 1
+                v = k & ~(LANES - 1)
+                k &= LANES - 1
+                nearest, who = load(best, v), load(found, v)
+                dx, dy, dz = load(rays, 3 * RAYS + v), load(rays, 4 * RAYS + v), load(rays, 5 * RAYS + v)
+                sx, sy, sz = spheres[o + k], spheres[o + LANES + k], spheres[o + 2 * LANES + k]
+                if ortho:
+                    ex, ey, ez = (
+                        sx - load(rays, v),
+                        sy - load(rays, RAYS + v),
+                        sz - load(rays, 2 * RAYS + v),
+                    )
+                else:
+                    ex, ey, ez = splat(sx - ox), splat(sy - oy), splat(sz - oz)
+                b = fma(dx, ex, fma(dy, ey, dz * ez))
+                px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)
+                disc = fnma(px, px, fnma(py, py, fnma(pz, pz, splat(spheres[o + 3 * LANES + k]))))
+                # No branch: it would be mispredicted every other time. A hit has disc > 0 and t > 0.
+                t = b - vsqrt(vmax(disc, zero))
+                t = select(vmin(disc, t) > zero, t, splat(_FAR))
+                store(found, v, select(t < nearest, splat_int(np.int32(o + IDS + k)), who))
+                store(best, v, vmin(t, nearest))
+            far0, far1 = lane_max(load(best, 0)), lane_max(load(best, LANES))
+            far2, far3 = lane_max(load(best, 2 * LANES)), lane_max(load(best, 3 * LANES))
+            limit = max(max(far0, far1), max(far2, far3))
+    return aimed
 
 
 @kernel(borrows=True, inner=True)

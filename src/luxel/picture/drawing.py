@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from luxel.errors import InputError
-from luxel.kernels import folded, frame, tiles
+from luxel.kernels import folded, frame, frustum, tiles
 from luxel.kernels.light import Lights
 from luxel.kernels.lookup import opened_words
 from luxel.kernels.path import World
@@ -143,7 +143,7 @@ class Crew:
 def draw_rays(
     tree: Tree,
     lights: Lights,
-    eye: tiles.Eye,
+    eye: frustum.Eye,
     shift: tuple[float, float],
     skin: frame.Skin,
     total: NDArray[np.float32],
@@ -186,7 +186,7 @@ def draw_rays(
 def draw_folded(
     tree: Tree,
     lights: Lights,
-    eye: tiles.Eye,
+    eye: frustum.Eye,
     antialias: int,
     skin: frame.Skin,
     crew: Crew,
@@ -243,13 +243,13 @@ def _block_edge(width: int, height: int, threads: int) -> int:
     return min(_LARGEST_EDGE, max(1, math.isqrt(int(tiles_each / _BLOCKS_A_THREAD))))
 
 
-def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:
+def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> frustum.Eye:
     """Return the camera as kernels take it; `aspect` is width over height."""
     right, up, forward = camera.basis()
     half = math.tan(math.radians(camera.fov) / 2)
     if camera.height is not None:
         half = 0.5 * spheres.length_to_unit(camera.height)
-    return tiles.Eye(
+    return frustum.Eye(
         spheres.to_unit(camera.eye).astype(np.float32),
         (right * half * aspect).astype(np.float32),
         (up * half).astype(np.float32),
@@ -258,7 +258,7 @@ def make_eye(camera: Camera, spheres: SphereSet, aspect: float) -> tiles.Eye:
     )
 
 
-def make_gaze(eye: tiles.Eye, visible: NDArray[np.int32], count: int) -> Gaze:
+def make_gaze(eye: frustum.Eye, visible: NDArray[np.int32], count: int) -> Gaze:
     """Return who looks at a picture in which those `visible` of `count` particles are."""
     at = eye.origin.astype(np.float64)
     if eye.orthographic:
@@ -269,8 +269,8 @@ def make_gaze(eye: tiles.Eye, visible: NDArray[np.int32], count: int) -> Gaze:
 
 
 def part_of(
-    eye: tiles.Eye, size: tuple[int, int], corner: tuple[int, int], part: tuple[int, int]
-) -> tuple[tiles.Eye, tuple[float, float]]:
+    eye: frustum.Eye, size: tuple[int, int], corner: tuple[int, int], part: tuple[int, int]
+) -> tuple[frustum.Eye, tuple[float, float]]:
     """Return an eye that sees a part of a picture as a picture of its own, and what is added to the place of its rays in their pixels.
 
     Parameters
@@ -285,7 +285,7 @@ def part_of(
     return eye._replace(right=eye.right * shares[0], up=eye.up * shares[1]), (shift[0], shift[1])
 
 
-def id_at(tree: Tree, eye: tiles.Eye, size: tuple[int, int], place: tuple[float, float]) -> int:
+def id_at(tree: Tree, eye: frustum.Eye, size: tuple[int, int], place: tuple[float, float]) -> int:
     """Return the particle that the middle of a pixel shows, -1 for none; `place` is from the left and from the top, in [0, 1]."""
     column, row = (min(int(at * extent), extent - 1) for at, extent in zip(place, size, strict=True))
     part, (x, y) = part_of(eye, size, (column, row), (1, 1))
@@ -360,7 +360,7 @@ def ray_shifts(antialias: int) -> list[tuple[float, float]]:
 
 
 def trace_primary(
-    world: World, eye: tiles.Eye, width: int, height: int, shift: tuple[float, float], threads: int
+    world: World, eye: frustum.Eye, width: int, height: int, shift: tuple[float, float], threads: int
 ) -> Nearest:
     """Return distance (H, W) float32 in normalised units and ids (H, W) int32; infinite and -1 on the background."""
     distance, ids = np.empty((height, width), np.float32), np.empty((height, width), np.int32)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from luxel.errors import InputError
-from luxel.kernels import shade, tiles
+from luxel.kernels import frustum, shade, tiles
 from luxel.kernels.path import World
 from luxel.kernels.tone import Tone, develop_rows
 from luxel.light.mapping import Mapping
@@ -180,7 +180,7 @@ def shown_ids(
 
 def draw_textures(
     world: World,
-    eye: tiles.Eye,
+    eye: frustum.Eye,
     antialias: int,
     table: TextureTable,
     colors: NDArray[np.float32],
@@ -215,7 +215,7 @@ def draw_textures(
 def _draw_pixels(
     world: World,
     seen: World,
-    eye: tiles.Eye,
+    eye: frustum.Eye,
     shifts: list[tuple[float, float]],
     samples: int,
     colors: NDArray[np.float32],
@@ -250,7 +250,7 @@ def _draw_pixels(
 
 def _table(
     scene: Scene,
-    eye: tiles.Eye,
+    eye: frustum.Eye,
     size: tuple[int, int],
     shifts: list[tuple[float, float]],
     textures: TextureSource | None,
@@ -278,7 +278,7 @@ def _table(
 
 
 def _visible(
-    world: World, eye: tiles.Eye, width: int, height: int, shifts: list[tuple[float, float]], threads: int
+    world: World, eye: frustum.Eye, width: int, height: int, shifts: list[tuple[float, float]], threads: int
 ) -> NDArray[np.int32]:
     seen = np.zeros(len(world.radii) + 1, np.bool_)
     for shift in shifts:
