@@ -47,7 +47,7 @@ class Effort:
 
 _QUICK = Effort(
     rounds=3, ao_count=96, path_count=32, truth_count=16, truth_samples=400, truth_lights=("sky+sun",), timed_count=24,
-    fast_samples=(1, 2, 4), side=512, picture_side=192, pixel_samples=36, patience_s=120.0,
+    fast_samples=(1, 2, 4), side=512, picture_side=144, pixel_samples=36, patience_s=20.0,
     sizes=(10_000, 100_000, 1_000_000), scaling_textures=512, packed_count=20_000, packed_textures=128,
 )  # fmt: skip
 _FULL = Effort(

@@ -78,3 +78,32 @@ def test_background_alone_stays_blank() -> None:
     assert picture.ids is not None
     assert (picture.ids == -1).all()
     assert len(np.unique(picture.array.reshape(-1, 3), axis=0)) == 1
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_rays_that_enter_the_tree_together_find_what_single_ones_find(orthographic: bool) -> None:
+    rng = np.random.default_rng(8)
+    count = 60_000  # four levels of tree, of which a close view cuts off three
+    particles = luxel.Particles(rng.uniform(-1, 1, (count, 3)), rng.uniform(0.002, 0.02, count))
+    world = make_world(luxel.Scene(particles))
+    size = 40
+    camera = luxel.Camera((1.3, 0.4, 0.5), (0.8, 0.1, 0.1), height=0.3 if orthographic else None)
+    eye = make_eye(camera, SphereSet.of(particles), 1.0)
+    nearest = (np.empty((size, size), np.float32), np.empty((size, size), np.int32))
+    skin = make_skin(bare_table(count), np.ones((count, 3), np.float32))
+    crew = Crew(1)
+    draw_folded(
+        world.tree,
+        world.lights,
+        eye,
+        3,
+        skin,
+        crew,
+        total=np.zeros((size, size, 5), np.float32),
+        nearest=nearest,
+    )
+    crew.close()
+    distance, ids = trace_primary(world, eye, size, size, (0.5, 0.5), 1)
+    np.testing.assert_array_equal(nearest[0], distance)
+    np.testing.assert_array_equal(nearest[1], ids)
+    assert len(np.unique(ids)) > 100

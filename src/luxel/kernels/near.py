@@ -44,6 +44,7 @@ __all__ = [
     "collect",
     "near_scratch",
     "nearest",
+    "passes_by",
     "patch_neighbours",
     "unblocked",
 ]
@@ -249,6 +250,13 @@ def _cross(near, j, ax, ay, az, dx, dy, dz, w):
         return b, (r - p) * (r + p), (far - r) * (far + r)
     q = fnma(splat(_TWO), fma(ax, ex, fma(ay, ey, az * ez)), splat(near.power[j]))
     return b, fma(b, b, -q), q
+
+
+@kernel(inline=True)
+def passes_by(b, disc, margin):
+    """Whether rays that meet a sphere at b -+ sqrt(disc) do so nowhere, or leave it within `margin`; said without the root, which costs as much as all else."""
+    short = margin - b
+    return disc <= short * vmax(short, splat(_ZERO))
 
 
 @kernel(inner=True)

@@ -13,7 +13,7 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
 from luxel.kernels.memory import float_lines, int_lines
-from luxel.kernels.near import EXIT, GIANT
+from luxel.kernels.near import EXIT, GIANT, passes_by
 from luxel.kernels.path import path_tail, survival
 from luxel.kernels.periodic import HERE
 from luxel.kernels.rays import ray_kind
@@ -148,21 +148,19 @@ def _nearest(near, known, self_, waves):
 @kernel(borrows=True)
 def _unblocked(near, known, self_, waves, open_):
     """Which of sixteen rays nothing in the near field blocks: a subset of the bits `open_`."""
-    zero, exit_ = splat(_ZERO), splat(EXIT)
+    exit_ = splat(EXIT)
     ax, ay, az = load(waves.start, 0), load(waves.start, LANES), load(waves.start, 2 * LANES)
     dx, dy, dz = load(waves.direction, 0), load(waves.direction, LANES), load(waves.direction, 2 * LANES)
     skip = load(waves.skip, 0)
     b, disc = _meet(-ax, -ay, -az, dx, dy, dz, _ONE)
-    clear = (disc <= zero) | (b + vsqrt(vmax(disc, zero)) <= exit_)
-    still = mask_from_bits(open_) & (clear | (skip == splat_int(self_)))
+    still = mask_from_bits(open_) & (passes_by(b, disc, exit_) | (skip == splat_int(self_)))
     for j in range(known):
         if not any_lane(still):
             return 0
         b, disc = _meet(
             splat(near.x[j]) - ax, splat(near.y[j]) - ay, splat(near.z[j]) - az, dx, dy, dz, near.radius[j]
         )
-        clear = (disc <= zero) | (b + vsqrt(vmax(disc, zero)) <= exit_ * near.radius[j])
-        still = still & (clear | (skip == splat_int(near.id[j])))
+        still = still & (passes_by(b, disc, exit_ * near.radius[j]) | (skip == splat_int(near.id[j])))
     return bits(still)
 
 
