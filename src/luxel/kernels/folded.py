@@ -92,9 +92,7 @@ def _note_centres(kept, met, centre, width, height, tx, ty, distance, ids):
 
 
 @kernel(borrows=True)
-def _draw_pixels(
-    tree, node, link, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench
-):
+def _draw_pixels(tree, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench):
     """Trace and light the rays of 8 × 8 pixels, and keep what they bring; returns whether any came near a sphere."""
     fold = shifts_x.shape[0]
     columns, rows = fold * width, fold * height
@@ -108,7 +106,7 @@ def _draw_pixels(
             x, y = q % fold * TILE, q // fold * TILE
             _point(bench.tile, fold, q, tx, ty, shifts_x, shifts_y)
             if not trace_points(
-                tree, node, link, eye, bench.tile, width, height, left + np.float32(x) * across,
+                tree, bench.cut.node, bench.cut.link, eye, bench.tile, width, height, left + np.float32(x) * across,
                 top - np.float32(y) * down, np.float32(TILE) * across, np.float32(TILE) * down,
             ):  # fmt: skip
                 _keep_nothing(bench.kept, q)
@@ -167,14 +165,10 @@ def draw_folded(
             for tx in range(x, right, TILE):
                 left = (np.float32(tx) + base_x) * wide - _ONE
                 top = _ONE - (np.float32(ty) + base_y) * high
-                met, node, link = True, tree.nodes, tree.child
-                if fold > 1:  # what several tiles of rays share pays
-                    met = cut_tree(
-                        tree, eye, bench.cut, left, top, np.float32(TILE) * wide, np.float32(TILE) * high
-                    )
-                    node, link = bench.cut.node, bench.cut.link
-                met = met and _draw_pixels(
-                    tree, node, link, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench
+                met = cut_tree(
+                    tree, eye, bench.cut, left, top, np.float32(TILE) * wide, np.float32(TILE) * high
+                ) and _draw_pixels(
+                    tree, lights, eye, shifts_x, shifts_y, left, top, skin, width, height, tx, ty, bench
                 )  # fmt: skip
                 if met:
                     blank[ty // TILE, tx // TILE] = 0
