@@ -2,7 +2,7 @@
 
 With fold², say nine, rays a pixel, tiles of 8 × 8 rays are smaller, and their rays meet the same few spheres: the picture costs two thirds of nine
 pictures with one ray a pixel each. Light is kept until all rays of 8 × 8 pixels are there and is added up in a given order, so that the sums are those
-of `frame.draw_frame`, bit for bit.
+of `frame.draw_frame`, bit for bit, but where a ray meets two spheres at the very same distance.
 """
 
 from __future__ import annotations

@@ -51,7 +51,6 @@ __all__ = [
     "BLOCK",
     "Bench",
     "Skin",
-    "add_ray",
     "collect_hits",
     "draw_frame",
     "find_slots",
@@ -232,7 +231,7 @@ def light_hits(tree, lights, eye, bench, skin, hits, step, textured, shadows):
 
 
 @kernel(inline=True, borrows=True)
-def add_ray(total, y, x, colors, i, light, first):
+def _add_ray(total, y, x, colors, i, light, first):
     """Add what one ray brings that hits particle i."""
     pixel = total[y, x]
     if first:
@@ -255,7 +254,7 @@ def _shade(tree, lights, eye, bench, skin, hits, step, textured, shadows, first,
         column, row = place_of(j)
         x, y, i = tx + column, ty + row, hits.who[j]
         if i >= 0:
-            add_ray(total, y, x, skin.colors, i, hits.words[LIGHT + j], first)
+            _add_ray(total, y, x, skin.colors, i, hits.words[LIGHT + j], first)
         elif first and x < width and y < height:
             total[y, x, :] = _ZERO
 

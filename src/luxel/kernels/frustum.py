@@ -46,7 +46,7 @@ class Frustum(NamedTuple):
     """Six planes through the eye and a line of the picture, see `look_through`."""
 
     planes: np.ndarray  # (6 · 4,) float32 normals and offsets: left, right, top, bottom, the two middles
-    sides: np.ndarray  # (12,) int64 which face of a box lies farthest inside of each plane
+    sides: np.ndarray  # (12,) int64 which face of a box lies farthest inside of each of the first four
 
 
 class Cut(NamedTuple):

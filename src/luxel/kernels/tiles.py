@@ -56,7 +56,7 @@ __all__ = [
 TILE = 8
 RAYS = TILE * TILE
 _FAR = np.float32(1e30)
-_ZERO, _HALF, _ONE, _TWO = (np.float32(x) for x in (0, 0.5, 1, 2))
+_ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))
 
 
 class Tile(NamedTuple):
@@ -91,7 +91,7 @@ def make_tile(stack_size):
         make_frustum(),
         np.empty(stack_size, np.int32),
         float_lines(stack_size),
-        float_lines(4 * LANES),
+        float_lines(LANES),
     )
 
 

@@ -212,7 +212,7 @@ def _draw(waves, first):
 
 
 @kernel(borrows=True)
-def _sunlight(world, work, near, known, site, waves, first, count, alive, sun):
+def _sunlight(world, work, near, known, site, waves, first, alive, sun):
     """Add the light of a sun at the points of those of sixteen paths that are `alive`."""
     s = world.lights.suns[sun]
     u, v = _draw(waves, first)
@@ -340,7 +340,7 @@ def _bounce(world, work, near, known, site, waves, first, count):
             next_point[lane], next_point[LANES + lane] = x + distance * dx, y + distance * dy
             next_point[2 * LANES + lane] = z + distance * dz
     for sun in range(world.lights.suns.shape[0]):
-        _sunlight(world, work, near, known, site, waves, first, count, alive, sun)
+        _sunlight(world, work, near, known, site, waves, first, alive, sun)
     if world.lights.globes.shape[0] + world.lights.quads.shape[0] > 0:
         for lane in range(count):
             if alive >> lane & 1:

@@ -199,7 +199,7 @@ def draw_folded(
 ) -> None:
     """Send the rays of :func:`ray_shifts` through every pixel at once, see :func:`luxel.kernels.folded.draw_folded`.
 
-    As many calls of :func:`draw_rays` without a filter give the same sums.
+    As many calls of :func:`draw_rays` without a filter give the same sums, but where a ray meets two spheres at the very same distance: either may be seen.
 
     Parameters
     ----------
