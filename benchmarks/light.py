@@ -60,7 +60,7 @@ _FULL = Effort(
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument(
-        "--quick", action="store_true", help="fewer particles and samples, at most five minutes"
+        "--quick", action="store_true", help="fewer particles and samples, four to five minutes"
     )
     options.add_argument("--json", action="store_true")
     options.add_argument(
