@@ -69,6 +69,7 @@ def _fold(kept, rays, colors, total, x, y):
             i = kept.who[at]
             if i >= 0:
                 brings = kept.light[at]
+                # In this order whatever the compiler would rather add first, as in `frame`.
                 red = fma_one(brings, colors[i, 0], red)
                 green = fma_one(brings, colors[i, 1], green)
                 blue = fma_one(brings, colors[i, 2], blue)

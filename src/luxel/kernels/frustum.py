@@ -73,11 +73,7 @@ def make_cut():
 
 @kernel(borrows=True)
 def _put_planes(planes, eye, left, top, wide, high):
-    """Write six planes through the eye and a line of the picture: left, right, top, bottom, and the tile's two middles.
-
-    The first four are positive inside of the tile, which goes from sx = `left` and sy = `top` over `wide` and `high`; the
-    middles are positive to the right and above.
-    """
+    """Write the planes that `look_through` puts."""
     for p in range(6):
         upright = p < 2 or p == 4
         axis = eye.right if upright else eye.up
@@ -107,9 +103,9 @@ def height_above(planes, p, x, y, z):
 
 @kernel(inline=True, borrows=True)
 def look_through(eye, frustum, left, top, wide, high):
-    """Put the planes of the rectangle that goes from sx = `left` and sy = `top` over `wide` and `high`; returns by how much rounding may move them.
+    """Put six planes through the eye and a line of the rectangle that goes from sx = `left` and sy = `top` over `wide` and `high`: left, right, top, bottom, and its two middles.
 
-    The first four are positive inside, the middles to the right and above.
+    The first four are positive inside, the middles to the right and above. Returns by how much rounding may move them.
     """
     planes, sides = frustum.planes, frustum.sides
     _put_planes(planes, eye, left, top, wide, high)
