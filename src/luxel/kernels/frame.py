@@ -18,8 +18,8 @@ from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
 from luxel.kernels.memory import float_lines, int_lines, prefetch, take
-from luxel.kernels.seen import mark_seen
-from luxel.kernels.simd import LANES, fma, fma_one, load, splat, store, vmax, vsqrt
+from luxel.kernels.seen import leaders, mark_seen, tally_seen
+from luxel.kernels.simd import LANES, fma, fma_one, load, splat, store, trailing_zeros, vmax, vsqrt
 from luxel.kernels.textured import (
     APART,
     DX,
@@ -90,7 +90,10 @@ def make_bench(stack_size: int, words: int, rays: int) -> Bench:
     hits = [
         Hits(
             float_lines(16 * RAYS),
-            *(int_lines(n) for n in (4 * RAYS, RAYS, RAYS, RAYS // LANES)),
+            int_lines(4 * RAYS),
+            int_lines(LANES + RAYS)[LANES:],  # see ``seen.leaders``
+            int_lines(RAYS),
+            int_lines(RAYS // LANES),
         )
         for _ in range(3)
     ]
@@ -113,7 +116,7 @@ def make_bench(stack_size: int, words: int, rays: int) -> Bench:
 
 @kernel(inline=True, borrows=True)
 def collect_hits(tree, tile, hits, skin, textured, width, height, tx, ty):
-    """Note which particles the rays of a tile hit, and where; ask where their textures lie."""
+    """Note which particles the rays of a tile hit, and where; ask where their textures lie. Returns those rays that lead, see ``seen.leaders``."""
     spheres, ids, found = tree.spheres, tree.ids, tile.found
     words, who, slot = hits.words, hits.who, hits.slot
     for j in range(RAYS):
@@ -129,6 +132,10 @@ def collect_hits(tree, tile, hits, skin, textured, width, height, tx, ty):
         words[X + j], words[Y + j] = spheres[place - 4 * LANES], spheres[place - 3 * LANES]
         words[Z + j], words[RADIUS + j] = spheres[place - 2 * LANES], spheres[place - LANES]
         words[T + j] = tile.best[j]
+    leading = rest = leaders(who)
+    while rest != 0:
+        i = who[trailing_zeros(rest)]
+        rest &= rest - 1
         prefetch(skin.colors, i * 12)
         if textured:
             prefetch(skin.slot, i * 4)
@@ -151,6 +158,7 @@ def collect_hits(tree, tile, hits, skin, textured, width, height, tx, ty):
         store(words, DY + v, dy)
         store(words, DZ + v, dz)
         store(words, RADIUS + v, vsqrt(load(words, RADIUS + v)))
+    return leading
 
 
 @kernel(inline=True, borrows=True)
@@ -275,7 +283,7 @@ def _clear(total, blank, tx, ty):
 
 @kernel(borrows=True)
 def draw_frame(
-    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, marks, marked, total, blank, distance, ids, rays, tone, picture, bench, counter, edge
+    tree, lights, eye, shift_x, shift_y, spacing, textured, shadows, first, skin, marks, marked, tally, total, blank, distance, ids, rays, tone, picture, bench, counter, edge
 ):  # fmt: skip
     """Send one ray through (x + shift_x, y + shift_y) of every pixel and add what it brings to `total`.
 
@@ -292,8 +300,8 @@ def draw_frame(
         Whether Lambert comes with shadow rays, one to the middle of each light.
     first
         Overwrite `total` instead of adding to it.
-    marks, marked
-        Where this thread marks the particles that are hit, see ``seen.mark_seen``; or (0,), then nothing is marked.
+    marks, marked, tally
+        Where this thread marks the particles that are hit, see ``seen.mark_seen``, and leaves its tally, see ``seen.tally_seen``; or (0,), then nothing is marked.
     total
         (H, W, 5) float32 sums: light times colour, light, coverage.
     blank
@@ -336,9 +344,9 @@ def draw_frame(
                     continue
                 if blank.shape[0] > 0:
                     blank[ty // TILE, tx // TILE] = 0
-                collect_hits(tree, bench.tile, traced, skin, textured, width, height, tx, ty)
+                leading = collect_hits(tree, bench.tile, traced, skin, textured, width, height, tx, ty)
                 if marks.shape[0] > 0:
-                    mark_seen(traced.who, traced.corners, marks, marked)
+                    mark_seen(traced.who, leading, marks, marked)
             if ready_x >= 0:
                 _shade(
                     tree, lights, eye, bench, skin, ready, step, textured, shadows, first, total, ready_x, ready_y
@@ -349,3 +357,5 @@ def draw_frame(
             ready_x, ready_y, found_x, found_y = found_x, found_y, tx, ty
         if picture.shape[0] > 0:
             develop_block(total, 0, 0, blank, rays, tone, left, right, top, bottom, picture, bench.spare)
+    if marks.shape[0] > 0:
+        tally_seen(marks, marked, skin.slot, tally)

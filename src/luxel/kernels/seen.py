@@ -7,10 +7,22 @@ import numpy as np
 from luxel.kernels import FIRST_LIGHT, STALE
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import prefetch
-from luxel.kernels.simd import trailing_zeros
+from luxel.kernels.simd import LANES, bits, load, splat_int, trailing_zeros
 
-__all__ = ["are_rising", "clear_seen", "count_slots", "distances", "list_seen", "mark_seen", "note_sighting"]
+__all__ = [
+    "are_rising",
+    "clear_seen",
+    "count_slots",
+    "distances",
+    "join_tallies",
+    "leaders",
+    "list_seen",
+    "mark_seen",
+    "note_sighting",
+    "tally_seen",
+]
 
+_HAS_LEFT, _HAS_ABOVE = 0xEEEE, 0xFFF0  # rays of a square of 4 × 4
 _AHEAD = 24  # particles: what is asked for so early is there in time
 
 
@@ -24,29 +36,38 @@ def _slot_hash(particle, slot):
 
 
 @kernel(inline=True, borrows=True)
-def mark_seen(who, room, marks, marked):
-    """Mark particles, negative for none.
+def leaders(who):
+    """Return a bit for each ray of a tile that hits a particle which neither the ray to the left nor the one above hits.
+
+    `who` (64,) int32 is -1 for none; rays lie in squares of 4 × 4, and sixteen words before the first may be read.
+    """
+    found = 0
+    for v in range(0, who.shape[0], LANES):
+        here = load(who, v)
+        same = bits(here == load(who, v - 1)) & _HAS_LEFT
+        same |= bits(here == load(who, v - 4)) & _HAS_ABOVE
+        found |= (bits(here != splat_int(np.int32(-1))) & ~same) << v
+    return found
+
+
+@kernel(inline=True, borrows=True)
+def mark_seen(who, rays, marks, marked):
+    """Mark the particles that some rays hit.
 
     Parameters
     ----------
     who
-        (K,) int32.
-    room
-        At least (K,) int32 to work in.
+        (K,) int32 particle of each ray.
+    rays
+        A bit for each ray that counts, all of which hit something.
     marks
         (W,) int64, a bit a particle; of one thread.
     marked
         (W / 64,) int64, a bit for every word of `marks` that is not 0.
     """
-    # Rays side by side often hit the same, as often as not: left out without a branch.
-    count, last = 0, np.int32(-1)
-    for k in range(who.shape[0]):
-        i = who[k]
-        room[count] = i
-        count += (i >= 0) & (i != last)
-        last = i
-    for k in range(count):
-        i = room[k]
+    while rays != 0:
+        i = who[trailing_zeros(rays)]
+        rays &= rays - 1
         word = i >> 6
         before = marks[word]
         marks[word] = before | np.int64(1) << np.int64(i & 63)
@@ -54,11 +75,76 @@ def mark_seen(who, room, marks, marked):
             marked[word >> 6] |= np.int64(1) << np.int64(word & 63)
 
 
-@kernel
-def list_seen(marks, marked, found, slot):
-    """List what any thread has marked, ascending, into `found` (N,) int32, and ask for its slots; return how many.
+@kernel(borrows=True)
+def tally_seen(marks, marked, slot, tally):
+    """Write to `tally` what :func:`count_slots` finds of all that one thread has marked, and how many particles these are before it.
 
-    `marks` is (T, W) and `marked` (T, W / 64), a row a thread; what nobody has marked costs next to nothing. `slot` is (N,) int32.
+    `marks` and `marked` are rows of those of :func:`list_seen`; `tally` is (5,) int64.
+    """
+    count = textured = dim = stale = 0
+    digest = np.int64(0)
+    for block in range(marked.shape[0]):
+        words = marked[block]
+        while words != 0:
+            word = 64 * block + trailing_zeros(words)
+            words &= words - 1
+            left = marks[word]
+            while left != 0:
+                i = 64 * word + trailing_zeros(left)
+                left &= left - 1
+                s = slot[i]
+                count += 1
+                textured += (s >= 0) & (s < STALE)
+                dim += s == FIRST_LIGHT
+                stale += s >= STALE
+                digest += _slot_hash(i, s)
+    tally[0], tally[1], tally[2], tally[3], tally[4] = count, textured, dim, stale, digest
+
+
+@kernel
+def join_tallies(marks, marked, slot, tallies):
+    """Return the tally of all threads together: what several have marked counts once.
+
+    `marks` and `marked` are as :func:`list_seen` takes them, `tallies` (T, 5) int64 as :func:`tally_seen` makes them.
+    """
+    count, textured, dim, stale = tallies[0, 0], tallies[0, 1], tallies[0, 2], tallies[0, 3]
+    digest = tallies[0, 4]
+    threads = marks.shape[0]
+    for t in range(1, threads):
+        count += tallies[t, 0]
+        textured += tallies[t, 1]
+        dim += tallies[t, 2]
+        stale += tallies[t, 3]
+        digest += tallies[t, 4]
+    for block in range(marked.shape[1]):
+        some = words = np.int64(0)
+        for t in range(threads):
+            words |= some & marked[t, block]
+            some |= marked[t, block]
+        while words != 0:
+            word = 64 * block + trailing_zeros(words)
+            words &= words - 1
+            known = np.int64(0)
+            for t in range(threads):
+                again = known & marks[t, word]
+                known |= marks[t, word]
+                while again != 0:
+                    i = 64 * word + trailing_zeros(again)
+                    again &= again - 1
+                    s = slot[i]
+                    count -= 1
+                    textured -= (s >= 0) & (s < STALE)
+                    dim -= s == FIRST_LIGHT
+                    stale -= s >= STALE
+                    digest -= _slot_hash(i, s)
+    return count, textured, dim, stale, digest
+
+
+@kernel
+def list_seen(marks, marked, found):
+    """List what any thread has marked, ascending, into `found` (N,) int32; return how many.
+
+    `marks` is (T, W) and `marked` (T, W / 64), a row a thread; what nobody has marked costs next to nothing.
     """
     threads = marks.shape[0]
     count = 0
@@ -74,7 +160,6 @@ def list_seen(marks, marked, found, slot):
                 left |= marks[t, word]
             while left != 0:
                 i = 64 * word + trailing_zeros(left)
-                prefetch(slot, np.intp(4 * i))
                 found[count] = i
                 count += 1
                 left &= left - 1

@@ -63,7 +63,7 @@ NO_PICTURE: NDArray[np.uint8] = np.empty((0, 0, 3), np.uint8)
 NO_SUMS: NDArray[np.float32] = np.empty((0, 0, 5), np.float32)
 
 _FAR_AWAY = 1e4  # in normalised units, of which a scene has about two
-_NO_MARKS = np.empty(0, np.int64), np.empty(0, np.int64)
+_NO_MARKS = (np.empty(0, np.int64),) * 3
 _BAND = 4 * tiles.TILE  # rows a task
 _MOST_PIXELS = 2**28
 _LARGEST_EDGE, _BLOCKS_A_THREAD = frame.BLOCK // tiles.TILE, 16
@@ -163,7 +163,7 @@ def draw_rays(
 ) -> None:
     """Send one ray through every pixel, see :func:`luxel.kernels.frame.draw_frame`.
 
-    What is hit is marked in `seen`, which has a row for each thread of the crew. `meanwhile` is called while others draw.
+    What is hit is marked and tallied in `seen`, which has a row for each thread of the crew. `meanwhile` is called while others draw.
     """
     counter = np.zeros(1, np.int64)
     edge = _block_edge(total.shape[1], total.shape[0], crew.threads)
@@ -173,7 +173,7 @@ def draw_rays(
     rows = iter(range(crew.threads))
 
     def work() -> None:
-        marks = _NO_MARKS if seen is None else (seen.marks[row := next(rows)], seen.marked[row])
+        marks = _NO_MARKS if seen is None else seen.of_thread(next(rows))
         with crew.bench(tree.stack_size, opened_words(skin.texels)) as bench:
             frame.draw_frame(
                 tree, lights, eye, x, y, np.float32(spacing), textured, shadows, first, skin, *marks, total, blank,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels.seen import clear_seen, list_seen
+from luxel.kernels.seen import clear_seen, join_tallies, list_seen, tally_seen
 
 __all__ = ["SeenMarks"]
 
@@ -34,14 +34,35 @@ class SeenMarks:
         blocks = -(-count // _BLOCK)
         self.marks: NDArray[np.int64] = np.zeros((threads, 64 * blocks), np.int64)
         self.marked: NDArray[np.int64] = np.zeros((threads, blocks), np.int64)
+        self._tallies: NDArray[np.int64] = np.zeros((threads, 5), np.int64)
+        self._tallied = [False] * threads  # since the last `tally`
+        self._clean = True
+
+    def of_thread(self, row: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Return marks and tally of one thread, for it to write to."""
+        self._clean = False
+        self._tallied[row] = True
+        return self.marks[row], self.marked[row], self._tallies[row]
 
     def clear(self) -> None:
         """Unmark all."""
-        clear_seen(self.marks, self.marked)
+        if not self._clean:
+            clear_seen(self.marks, self.marked)
+            self._tallies[...] = 0
+            self._clean = True
 
-    def list_into(self, found: NDArray[np.int32], slot: NDArray[np.int32]) -> int:
-        """Write the marked particles, ascending, to the beginning of `found` (count,); return how many there are.
+    def tally(self, slot: NDArray[np.int32]) -> tuple[int, int, int, int, int]:
+        """Return how many particles are marked, and what :func:`luxel.kernels.seen.count_slots` finds of them, after all threads have drawn.
 
-        Their places in `slot` (count,), which are looked at next, are fetched meanwhile.
+        `slot` (count,) is that of the table by which those threads have drawn that did so since the last call.
         """
-        return int(list_seen(self.marks, self.marked, found, slot))
+        for row, done in enumerate(self._tallied):
+            if not done:  # but its marks are from before
+                tally_seen(self.marks[row], self.marked[row], slot, self._tallies[row])
+            self._tallied[row] = False
+        count, textured, dim, stale, digest = join_tallies(self.marks, self.marked, slot, self._tallies)
+        return int(count), int(textured), int(dim), int(stale), int(digest)
+
+    def list_into(self, found: NDArray[np.int32]) -> int:
+        """Write the marked particles, ascending, to the beginning of `found` (count,); return how many there are."""
+        return int(list_seen(self.marks, self.marked, found))

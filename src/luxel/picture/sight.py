@@ -33,9 +33,11 @@ class Sight:
     def __init__(self, threads: int) -> None:
         self._threads = threads
         self.marks = SeenMarks(0, threads)
+        self._others = SeenMarks(0, threads)  # hold what the frame before saw until that is told
         self.count = 0
         self.lit: tuple[int, int, int] = (0, 0, 0)
-        self._found: NDArray[np.int32] = np.empty(0, np.int32)  # the first `count` have been seen
+        self._found: NDArray[np.int32] = np.empty(0, np.int32)  # the first `_listed` have been seen
+        self._listed = 0
         self._digest = 0  # of their slots
         self._told = ("", 0)  # light key, and how many of them the source was told
         self._told_s = -np.inf
@@ -43,21 +45,28 @@ class Sight:
     def forget(self, count: int) -> None:
         """Begin anew, with so many particles in all."""
         if len(self._found) != count:
-            self.marks, self._found = SeenMarks(count, self._threads), np.empty(count, np.int32)
+            self.marks, self._others = SeenMarks(count, self._threads), SeenMarks(count, self._threads)
+            self._found = np.empty(count, np.int32)
         else:
+            self.marks, self._others = self._others, self.marks
             self.marks.clear()
-        self.count, self._told = 0, ("", 0)
+        self.count, self._listed, self._told = 0, 0, ("", 0)
         self._digest, self.lit = 0, (0, 0, 0)
 
     def changes(self, table: TextureTable) -> bool:
         """Whether what has been seen looks otherwise by this table than by that of the last :meth:`gather`."""
-        return bool(count_slots(self._found[: self.count], table.slot)[-1] != self._digest)
+        return bool(count_slots(self._list(), table.slot)[-1] != self._digest)
 
     def gather(self, table: TextureTable) -> None:
-        """List what has been seen, and count what has light."""
-        self.count = self.marks.list_into(self._found, table.slot)
-        ready, dim, stale, self._digest = count_slots(self._found[: self.count], table.slot)
-        self.lit = ready, dim, stale
+        """Count what has been seen, and what of it has light; `table` is what was drawn by, or, if nothing was drawn, another one."""
+        self.count, *lit, self._digest = self.marks.tally(table.slot)
+        self.lit = lit[0], lit[1], lit[2]
+
+    def _list(self) -> NDArray[np.int32]:
+        """Return what had been seen at the last :meth:`gather`."""
+        if self._listed != self.count:  # what is marked grows
+            self._listed = self.marks.list_into(self._found)
+        return self._found[: self.count]
 
     def is_told(self, source: TextureSource) -> bool:
         """Whether the source knows of all that has been gathered."""
@@ -68,16 +77,22 @@ class Sight:
         now = source.key, self.count
         if self._told == now and now_s - self._told_s < _TELL_AGAIN_S:
             return
-        self.telling(source, eye)()
+        if self.count:
+            source.sighted(self._list(), eye)
         self._told, self._told_s = now, now_s
 
     def telling(
         self, source: TextureSource, eye: NDArray[np.float64], then: Callable[[], object] | None = None
     ) -> Callable[[], None]:
-        """Return what tells the source, and does something then, if it is called before the next :meth:`gather`."""
-        ids = self._found[: self.count]
+        """Return what tells the source, and does something then, if it is called once, at the latest while the next frame is drawn."""
+        marks, found = self.marks, self._found
 
         def tell() -> None:
+            if marks is self.marks:  # the camera rests: the next frame marks what it sees there as well
+                ids = self._list()
+            else:
+                ids = found[: marks.list_into(found)]
+                marks.clear()
             if len(ids):
                 source.sighted(ids, eye)
                 if then is not None:
