@@ -12,9 +12,9 @@ from luxel.dynamic.look import Look
 from luxel.errors import InputError
 from luxel.kernels import FIRST_LIGHT, STALE
 from luxel.kernels.jit import kernel
-from luxel.kernels.seen import are_rising, count_slots, leaders
+from luxel.kernels.seen import are_rising, count_slots
 from luxel.kernels.simd import LANES
-from luxel.kernels.tiles import RAYS
+from luxel.kernels.tiles import RAYS, leaders
 from luxel.light.world import make_world
 from luxel.picture.drawing import Crew, bare_table, draw_rays, make_eye, make_skin, trace_primary
 from luxel.picture.seen import SeenMarks

@@ -18,7 +18,7 @@ from luxel.kernels.jit import kernel
 from luxel.kernels.lookup import prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
 from luxel.kernels.memory import float_lines, int_lines, prefetch, take
-from luxel.kernels.seen import leaders, mark_seen, tally_seen
+from luxel.kernels.seen import mark_seen, tally_seen
 from luxel.kernels.simd import LANES, fma, fma_one, load, splat, store, trailing_zeros, vmax, vsqrt
 from luxel.kernels.textured import (
     APART,
@@ -43,7 +43,17 @@ from luxel.kernels.textured import (
     make_opened,
     open_textures,
 )
-from luxel.kernels.tiles import RAYS, TILE, Tile, block_of, make_tile, note_nearest, place_of, trace_tile
+from luxel.kernels.tiles import (
+    RAYS,
+    TILE,
+    Tile,
+    block_of,
+    leaders,
+    make_tile,
+    note_nearest,
+    place_of,
+    trace_tile,
+)
 from luxel.kernels.tone import develop_block
 from luxel.kernels.tree_trace import Scratch, scratch
 
@@ -91,7 +101,7 @@ def make_bench(stack_size: int, words: int, rays: int) -> Bench:
         Hits(
             float_lines(16 * RAYS),
             int_lines(4 * RAYS),
-            int_lines(LANES + RAYS)[LANES:],  # see ``seen.leaders``
+            int_lines(LANES + RAYS)[LANES:],  # see ``tiles.leaders``
             int_lines(RAYS),
             int_lines(RAYS // LANES),
         )
@@ -116,7 +126,7 @@ def make_bench(stack_size: int, words: int, rays: int) -> Bench:
 
 @kernel(inline=True, borrows=True)
 def collect_hits(tree, tile, hits, skin, textured, width, height, tx, ty):
-    """Note which particles the rays of a tile hit, and where; ask where their textures lie. Returns those rays that lead, see ``seen.leaders``."""
+    """Note which particles the rays of a tile hit, and where; ask where their textures lie. Returns those rays that lead, see ``tiles.leaders``."""
     spheres, ids, found = tree.spheres, tree.ids, tile.found
     words, who, slot = hits.words, hits.who, hits.slot
     for j in range(RAYS):
@@ -230,7 +240,8 @@ def _light_bare(tree, lights, work, spare, skin, hits, v, shadows):
 @kernel(inline=True, borrows=True)
 def light_hits(tree, lights, eye, bench, skin, hits, step, textured, shadows):
     """Light what the rays of a tile have hit."""
-    if textured:
+    some = hits.textured[0] | hits.textured[1] | hits.textured[2] | hits.textured[3]
+    if textured and some != 0:
         open_textures(skin, bench.opened, hits)
     for v in range(0, RAYS, LANES):
         if textured and hits.textured[v // LANES]:

@@ -29,6 +29,7 @@ __all__ = [
     "linear_rows",
     "open_texture",
     "opened_words",
+    "opens_freely",
     "prefetch_opened",
     "prefetch_texels",
     "read_four",
@@ -295,6 +296,17 @@ def _read_four(texels, handle, opened, p, q, r, s, codes, to):
     return lambda texels, handle, opened, p, q, r, s, codes, to: read(
         texels, handle, opened, p, q, r, s, codes, to
     )
+
+
+def opens_freely(texels):
+    """Whether opening a texture takes no more than looking where it lies; for kernels only."""
+    raise NotImplementedError
+
+
+@overload(opens_freely, jit_options=_INLINE)
+def _opens_freely(texels):
+    freely = not (isinstance(texels, types.NamedTuple) and texels.instance_class is ClusteredTexels)
+    return lambda texels: freely
 
 
 @overload(opened_words)

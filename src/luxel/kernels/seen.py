@@ -7,7 +7,7 @@ import numpy as np
 from luxel.kernels import FIRST_LIGHT, STALE
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import prefetch
-from luxel.kernels.simd import LANES, bits, load, splat_int, trailing_zeros
+from luxel.kernels.simd import trailing_zeros
 
 __all__ = [
     "are_rising",
@@ -15,14 +15,12 @@ __all__ = [
     "count_slots",
     "distances",
     "join_tallies",
-    "leaders",
     "list_seen",
     "mark_seen",
     "note_sighting",
     "tally_seen",
 ]
 
-_HAS_LEFT, _HAS_ABOVE = 0xEEEE, 0xFFF0  # rays of a square of 4 × 4
 _AHEAD = 24  # particles: what is asked for so early is there in time
 
 
@@ -33,21 +31,6 @@ def _slot_hash(particle, slot):
     h ^= h >> np.uint64(29)  # else particles that swap slots would not be noticed
     h *= np.uint64(0x94D049BB133111EB)
     return np.int64(h ^ (h >> np.uint64(32)))
-
-
-@kernel(inline=True, borrows=True)
-def leaders(who):
-    """Return a bit for each ray of a tile that hits a particle which neither the ray to the left nor the one above hits.
-
-    `who` (64,) int32 is -1 for none; rays lie in squares of 4 × 4, and sixteen words before the first may be read.
-    """
-    found = 0
-    for v in range(0, who.shape[0], LANES):
-        here = load(who, v)
-        same = bits(here == load(who, v - 1)) & _HAS_LEFT
-        same |= bits(here == load(who, v - 4)) & _HAS_ABOVE
-        found |= (bits(here != splat_int(np.int32(-1))) & ~same) << v
-    return found
 
 
 @kernel(inline=True, borrows=True)
@@ -69,10 +52,8 @@ def mark_seen(who, rays, marks, marked):
         i = who[trailing_zeros(rays)]
         rays &= rays - 1
         word = i >> 6
-        before = marks[word]
-        marks[word] = before | np.int64(1) << np.int64(i & 63)
-        if before == 0:
-            marked[word >> 6] |= np.int64(1) << np.int64(word & 63)
+        marks[word] |= np.int64(1) << np.int64(i & 63)
+        marked[word >> 6] |= np.int64(1) << np.int64(word & 63)  # each time: no branch could be predicted
 
 
 @kernel(borrows=True)

@@ -9,10 +9,22 @@ import numpy as np
 from luxel.kernels import STALE
 from luxel.kernels.dots import load_fours
 from luxel.kernels.jit import kernel
-from luxel.kernels.lookup import PLACES, open_texture, prefetch_opened, read_four, side_of
+from luxel.kernels.lookup import PLACES, open_texture, opens_freely, prefetch_opened, read_four, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
 from luxel.kernels.memory import float_lines, int_lines, item
-from luxel.kernels.simd import LANES, any_lane, fma, load, select, splat, store, to_float, vmax, vmin, vsqrt
+from luxel.kernels.simd import (
+    LANES,
+    any_lane,
+    fma,
+    load,
+    select,
+    splat,
+    store,
+    to_float,
+    vmax,
+    vmin,
+    vsqrt,
+)
 from luxel.kernels.tiles import RAYS
 
 __all__ = [
@@ -92,20 +104,23 @@ def make_opened(words: int) -> Opened:
 
 @kernel(inline=True, borrows=True)
 def open_textures(skin, opened, hits):
-    """Open the textures of all rays, and ask for what they are made of."""
+    """Open the textures of all rays, of which some have one, and ask for what they are made of; those without get any, so that reading needs no branch."""
     slot, corners, handles = hits.slot, hits.corners, opened.handles
-    for j in range(RAYS):
-        s = item(slot, j)
-        if s >= 0:
+    if opens_freely(skin.texels):
+        for j in range(RAYS):
+            handles[j] = open_texture(skin.texels, max(item(slot, j), 0) & PLACE, opened.words, j)
+    else:
+        for j in range(RAYS):
             # Rays lie in squares of 4 × 4: what is open may be that of the ray to the left, or of the one above.
+            s = item(slot, j)
             if j & 3 and item(slot, j - 1) == s:
-                handle = item(handles, j - 1)
+                handles[j] = item(handles, j - 1)
             elif j & 12 and item(slot, j - 4) == s:
-                handle = item(handles, j - 4)
+                handles[j] = item(handles, j - 4)
             else:
-                handle = open_texture(skin.texels, s & PLACE, opened.words, j)
-            handles[j] = handle
-            prefetch_opened(skin.texels, handle, corners[j], corners[j + 2 * CORNER_STRIDE])
+                handles[j] = open_texture(skin.texels, s & PLACE, opened.words, j) if s >= 0 else 0
+    for j in range(RAYS):
+        prefetch_opened(skin.texels, item(handles, j), item(corners, j), item(corners, j + 2 * CORNER_STRIDE))
 
 
 @kernel(inline=True, borrows=True)
@@ -163,12 +178,11 @@ def light_textures(eye, skin, opened, hits, v, step):
                 texel_corners(skin.mapping, side_of(skin.texels), nx, ny, nz, words[APART:], corners, v)
         count = count + weight
         for j in range(v, v + LANES):
-            if item(slot, j) >= 0:
-                p, q = item(corners, j), item(corners, j + CORNER_STRIDE)
-                r, s = item(corners, j + 2 * CORNER_STRIDE), item(corners, j + 3 * CORNER_STRIDE)
-                read_four(
-                    skin.texels, item(opened.handles, j), opened.words, p, q, r, s, opened.codes, 4 * (j - v)
-                )
+            p, q = item(corners, j), item(corners, j + CORNER_STRIDE)
+            r, s = item(corners, j + 2 * CORNER_STRIDE), item(corners, j + 3 * CORNER_STRIDE)
+            read_four(
+                skin.texels, item(opened.handles, j), opened.words, p, q, r, s, opened.codes, 4 * (j - v)
+            )
         p, q, r, s = load_fours(opened.codes)
         p, q, r, s = to_float(p), to_float(q), to_float(r), to_float(s)
         p, q = p * fma(square, p, linear), q * fma(square, q, linear)

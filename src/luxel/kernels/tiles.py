@@ -43,6 +43,7 @@ __all__ = [
     "TILE",
     "Tile",
     "block_of",
+    "leaders",
     "make_tile",
     "note_nearest",
     "place_of",
@@ -56,6 +57,7 @@ __all__ = [
 TILE = 8
 RAYS = TILE * TILE
 _FAR = np.float32(1e30)
+_HAS_LEFT, _HAS_ABOVE = 0xEEEE, 0xFFF0  # of the rays of a block
 _ZERO, _ONE, _TWO = (np.float32(x) for x in (0, 1, 2))
 
 
@@ -105,6 +107,21 @@ def place_of(ray):
 def ray_at(column, row):
     """Inverse of `place_of`."""
     return (row >> 2) * 32 + (column >> 2) * 16 + (row & 3) * 4 + (column & 3)
+
+
+@kernel(inline=True, borrows=True)
+def leaders(what):
+    """Return a bit for each ray of a tile that has a number which neither the ray to the left nor the one above has.
+
+    `what` (64,) int32 is negative for rays that have none; sixteen words before the first may be read.
+    """
+    found = 0
+    for v in range(0, RAYS, LANES):
+        here = load(what, v)
+        same = bits(here == load(what, v - 1)) & _HAS_LEFT
+        same |= bits(here == load(what, v - 4)) & _HAS_ABOVE
+        found |= (bits(here >= splat_int(np.int32(0))) & ~same) << v
+    return found
 
 
 @kernel(inline=True)
