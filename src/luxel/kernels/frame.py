@@ -19,7 +19,7 @@ from luxel.kernels.lookup import prefetch_texels, side_of
 from luxel.kernels.mapping import CORNER_STRIDE, texel_corners
 from luxel.kernels.memory import float_lines, int_lines, prefetch, take
 from luxel.kernels.seen import mark_seen, tally_seen
-from luxel.kernels.simd import LANES, fma, fma_one, load, splat, store, trailing_zeros, vmax, vsqrt
+from luxel.kernels.simd import LANES, any_lane, fma, fma_one, load, splat_int, store, trailing_zeros, vsqrt
 from luxel.kernels.textured import (
     APART,
     DX,
@@ -30,7 +30,7 @@ from luxel.kernels.textured import (
     NY,
     NZ,
     PLACE,
-    RADIUS,
+    SQUARE,
     WEIGHT,
     Hits,
     Opened,
@@ -42,6 +42,7 @@ from luxel.kernels.textured import (
     light_textures,
     make_opened,
     open_textures,
+    unit_normals,
 )
 from luxel.kernels.tiles import (
     RAYS,
@@ -135,12 +136,12 @@ def collect_hits(tree, tile, hits, skin, textured, width, height, tx, ty):
         if place < 0 or tx + column >= width or ty + row >= height:
             who[j], slot[j] = -1, -1
             words[X + j], words[Y + j], words[Z + j] = _ZERO, _ZERO, _ZERO
-            words[RADIUS + j], words[T + j] = _ONE, _ONE
+            words[SQUARE + j], words[T + j] = _ONE, _ONE
             continue
         i = ids[place]
         who[j], slot[j] = i, -1
         words[X + j], words[Y + j] = spheres[place - 4 * LANES], spheres[place - 3 * LANES]
-        words[Z + j], words[RADIUS + j] = spheres[place - 2 * LANES], spheres[place - LANES]
+        words[Z + j], words[SQUARE + j] = spheres[place - 2 * LANES], spheres[place - LANES]
         words[T + j] = tile.best[j]
     leading = rest = leaders(who)
     while rest != 0:
@@ -156,18 +157,12 @@ def collect_hits(tree, tile, hits, skin, textured, width, height, tx, ty):
             load(tile.rays, 4 * RAYS + v),
             load(tile.rays, 5 * RAYS + v),
         )
-        nx = fma(t, dx, load(tile.rays, v) - load(words, X + v))
-        ny = fma(t, dy, load(tile.rays, RAYS + v) - load(words, Y + v))
-        nz = fma(t, dz, load(tile.rays, 2 * RAYS + v) - load(words, Z + v))
-        scale = splat(_ONE) / vsqrt(vmax(fma(nx, nx, fma(ny, ny, nz * nz)), splat(np.float32(1e-30))))
-        nx, ny, nz = nx * scale, ny * scale, nz * scale
-        store(words, NX + v, nx)
-        store(words, NY + v, ny)
-        store(words, NZ + v, nz)
+        store(words, NX + v, fma(t, dx, load(tile.rays, v) - load(words, X + v)))
+        store(words, NY + v, fma(t, dy, load(tile.rays, RAYS + v) - load(words, Y + v)))
+        store(words, NZ + v, fma(t, dz, load(tile.rays, 2 * RAYS + v) - load(words, Z + v)))
         store(words, DX + v, dx)
         store(words, DY + v, dy)
         store(words, DZ + v, dz)
-        store(words, RADIUS + v, vsqrt(load(words, RADIUS + v)))
     return leading
 
 
@@ -202,6 +197,13 @@ def find_slots(hits, skin):
 def _light_bare(tree, lights, work, spare, skin, hits, v, shadows):
     """Write the light of those of sixteen rays whose particle has no texture: its coarse record, or else Lambert."""
     words, who, slot, coarse = hits.words, hits.who, hits.slot, skin.coarse
+    none = splat_int(np.int32(0))
+    if not any_lane((load(who, v) >= none) & (load(slot, v) < none)):
+        return
+    nx, ny, nz = unit_normals(words, v)
+    store(words, NX + v, nx)
+    store(words, NY + v, ny)
+    store(words, NZ + v, nz)
     bare = False
     for j in range(v, v + LANES):
         i = who[j]
@@ -224,8 +226,7 @@ def _light_bare(tree, lights, work, spare, skin, hits, v, shadows):
     # Rays that have their light ask for no shadows.
     for j in range(v, v + LANES):
         slot[j] = who[j] if slot[j] < 0 else -1
-    nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
-    radius = load(words, RADIUS + v)
+    radius = vsqrt(load(words, SQUARE + v))
     light = lambert_lanes(
         lights, shadows, tree, work, spare,
         fma(radius, nx, load(words, X + v)), fma(radius, ny, load(words, Y + v)), fma(radius, nz, load(words, Z + v)),

@@ -151,26 +151,27 @@ CORNER_STRIDE = 64
 
 
 @kernel(inline=True)
-def _quarters_lanes(y, x):
-    """As `_quarters`, sixteen at a time."""
-    low, high = vmin(x, y), vmax(x, y)
-    t = low / vmax(high, splat(np.float32(1e-20)))
+def _turned_lanes(t, steep):
+    """As `_quarters`, sixteen at a time, of the ratio `t` of the lesser to the greater of two sides, which is y over x unless `steep`."""
     s = t * t
     p = fma(
         s, fma(s, splat(np.float32(0.0051549)), splat(np.float32(-0.02403348))), splat(np.float32(0.0539597))
     )
     p = fma(s, fma(s, p, splat(np.float32(-0.08618352))), splat(np.float32(0.12665567)))
     p = t * fma(s, fma(s, p, splat(np.float32(-0.21217248))), splat(np.float32(0.63661957)))
-    return select(y <= x, p, _ONE - p)
+    return select(steep, _ONE - p, p)
 
 
 @kernel(inline=True)
 def _latlong_uv_lanes(x, y, z):
-    zero = splat(_ZERO)
-    u = _QUARTER * _quarters_lanes(vabs(y), vabs(x))
+    zero, tiny = splat(_ZERO), splat(np.float32(1e-20))
+    wide, deep, high, flat = vabs(x), vabs(y), vabs(z), vsqrt(fma(x, x, y * y))
+    around, up = vmax(vmax(wide, deep), tiny), vmax(vmax(flat, high), tiny)
+    ratio = splat(_ONE) / (around * up)  # one division for two
+    u = _QUARTER * _turned_lanes(vmin(wide, deep) * (up * ratio), deep > wide)
     u = select(x < zero, _HALF - u, u)
     u = select(y < zero, _ONE - u, u)
-    v = _HALF * _quarters_lanes(vsqrt(fma(x, x, y * y)), vabs(z))
+    v = _HALF * _turned_lanes(vmin(flat, high) * (around * ratio), flat > high)
     return u, select(z >= zero, v, _ONE - v)
 
 
@@ -186,15 +187,16 @@ def _wrapped_columns(row, column, side):
 
 @kernel(inline=True, borrows=True)
 def texel_corners(mapping, side, x, y, z, apart, corners, at):
-    """The four texels around each of sixteen unit vectors, for bilinear lookups.
+    """The four texels around each of sixteen vectors, for bilinear lookups; their length does not matter if it is neither tiny nor huge.
 
     Writes two fields to float32 `apart`, how far the point lies across and down between the corners, [0, 1), and four
     to int32 `corners`, the texels as `lookup.four_codes` takes them; each field from `at` on.
     """
     if mapping == OCTAHEDRAL:
         step = CORNER_STRIDE
+        scale = splat(_ONE) / vsqrt(vmax(fma(x, x, fma(y, y, z * z)), splat(np.float32(1e-30))))
         for k, v in enumerate((x, y, z)):
-            store(apart, at + k * step, v)
+            store(apart, at + k * step, v * scale)
         for k in range(at, at + LANES):
             u, v = _octahedral_uv(apart[k], apart[k + step], apart[k + 2 * step])
             across, down = u * np.float32(side) - _HALF, v * np.float32(side) - _HALF

@@ -122,7 +122,7 @@ for _op, _name in (
     _operate(_op, F32, F32, _arithmetic(_name))
 for _op, _sign in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
     _operate(_op, F32, MASK, lambda b, x, y, s=_sign: b.fcmp_ordered(s, x, y))
-for _op, _sign in ((operator.eq, "=="), (operator.ne, "!="), (operator.ge, ">=")):
+for _op, _sign in ((operator.eq, "=="), (operator.ne, "!="), (operator.ge, ">="), (operator.lt, "<")):
     _operate(_op, I32, MASK, lambda b, x, y, s=_sign: b.icmp_signed(s, x, y))
 for _op, _name in (
     (operator.add, "add"),

@@ -37,7 +37,7 @@ __all__ = [
     "NY",
     "NZ",
     "PLACE",
-    "RADIUS",
+    "SQUARE",
     "WEIGHT",
     "Hits",
     "Opened",
@@ -49,11 +49,13 @@ __all__ = [
     "light_textures",
     "make_opened",
     "open_textures",
+    "unit_normals",
 ]
 
 _ZERO, _QUARTER, _THIRD, _HALF, _ONE, _TWO, _THREE = (
     np.float32(x) for x in (0, 1 / 4, 1 / 3, 1 / 2, 1, 2, 3)
 )
+_TINY = np.float32(1e-30)
 # Rays closer than so many radii read textures at one point; the filter opens up over as much again.
 _FINE = np.float32(0.2)
 # Cosine² between normal and ray that the filter keeps to: beyond, a pixel shows more of what lies behind.
@@ -62,8 +64,8 @@ _LIMB = np.float32(0.19)
 PLACE = STALE - 1
 _STALE = np.float32(STALE)
 
-# Fields of `Hits.words`, RAYS words each.
-(NX, NY, NZ, DX, DY, DZ, X, Y, Z, T, RADIUS, LIGHT, WEIGHT, APART) = (RAYS * k for k in range(14))  # fmt: skip
+# Fields of `Hits.words`, RAYS words each: from the middle of the sphere to the hit, direction, middle, distance, radius², and light.
+(NX, NY, NZ, DX, DY, DZ, X, Y, Z, T, SQUARE, LIGHT, WEIGHT, APART) = (RAYS * k for k in range(14))  # fmt: skip
 
 
 class Skin(NamedTuple):
@@ -124,6 +126,14 @@ def open_textures(skin, opened, hits):
 
 
 @kernel(inline=True, borrows=True)
+def unit_normals(words, v):
+    """Normals where sixteen rays hit."""
+    nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
+    scale = splat(_ONE) / vsqrt(vmax(fma(nx, nx, fma(ny, ny, nz * nz)), splat(_TINY)))
+    return nx * scale, ny * scale, nz * scale
+
+
+@kernel(inline=True, borrows=True)
 def _reaches(eye, step, t, dx, dy, dz, radius):
     """How far beside their hits sixteen rays read, in radii: a quarter of the distance between rays, 0 where they lie close."""
     right = np.sqrt(eye.right[0] * eye.right[0] + eye.right[1] * eye.right[1] + eye.right[2] * eye.right[2])
@@ -147,19 +157,21 @@ def light_textures(eye, skin, opened, hits, v, step):
     square = select(stale, splat(decoding[1, 1]), splat(decoding[0, 1]))
     zero, one = splat(_ZERO), splat(_ONE)
     dx, dy, dz = load(words, DX + v), load(words, DY + v), load(words, DZ + v)
+    # The corners around these are known, and do not depend on length.
     nx, ny, nz = load(words, NX + v), load(words, NY + v), load(words, NZ + v)
-    reach = zero
+    reach = ax = ay = az = bx = by = bz = qx = qy = qz = zero
     if step > 0:
-        reach = _reaches(eye, step, load(words, T + v), dx, dy, dz, load(words, RADIUS + v))
-    # Axes across the ray, and the part of the normal across it: where on its disc the sphere is hit.
-    along = fma(nx, dx, fma(ny, dy, nz * dz))
-    qx, qy, qz = nx - along * dx, ny - along * dy, nz - along * dz
-    ax, ay, az = splat(eye.right[0]), splat(eye.right[1]), splat(eye.right[2])
-    scale = splat(_ONE) / vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
-    ax, ay, az = ax * scale, ay * scale, az * scale
-    along = fma(ax, dx, fma(ay, dy, az * dz))
-    ax, ay, az = ax - along * dx, ay - along * dy, az - along * dz
-    bx, by, bz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
+        reach = _reaches(eye, step, load(words, T + v), dx, dy, dz, vsqrt(load(words, SQUARE + v)))
+        # Axes across the ray, and the part of the normal across it: where on its disc the sphere is hit.
+        nx, ny, nz = unit_normals(words, v)
+        along = fma(nx, dx, fma(ny, dy, nz * dz))
+        qx, qy, qz = nx - along * dx, ny - along * dy, nz - along * dz
+        ax, ay, az = splat(eye.right[0]), splat(eye.right[1]), splat(eye.right[2])
+        scale = one / vsqrt(fma(ax, ax, fma(ay, ay, az * az)))
+        ax, ay, az = ax * scale, ay * scale, az * scale
+        along = fma(ax, dx, fma(ay, dy, az * dz))
+        ax, ay, az = ax - along * dx, ay - along * dy, az - along * dz
+        bx, by, bz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
     count, light = zero, zero
     for k in range(0 if any_lane(reach > zero) else 4, 5):
         if k < 4:

@@ -21,6 +21,7 @@ from luxel.scene.lights import Up, up_frame
 
 __all__ = ["View"]
 
+_ROW = 4096  # particles of one colour copied at once
 _BLOCK = 1 << 18  # particles mapped at once, so that float64 temporaries stay in the processor's cache
 
 
@@ -208,7 +209,7 @@ class View:
             If it is to be shown as it is, but its values are no colours.
         """
         if self.color_by is None:
-            return np.tile(_linear(self.color), (len(particles), 1))
+            return _all_alike(_linear(self.color), len(particles))
         if self.colormap == RGB:
             values = particles.scalars.get(self.color_by)
             if values is None:
@@ -262,6 +263,16 @@ def lut_rows(normalised: NDArray[np.float32], count: int) -> NDArray[np.intp]:
     np.minimum(rows, count - 1, out=rows)
     rows[missing] = count
     return rows
+
+
+def _all_alike(color: NDArray[np.float32], count: int) -> NDArray[np.float32]:
+    """Return `color` (3,) so many times, in long rows: three numbers at a time take five times as long."""
+    found = np.empty((count, 3), np.float32)
+    row = np.tile(color, _ROW)
+    whole = count // _ROW * _ROW
+    found[:whole].reshape(-1, len(row))[...] = row
+    found[whole:] = row.reshape(_ROW, 3)[: count - whole]
+    return found
 
 
 def _linear(color: str) -> NDArray[np.float32]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -145,10 +146,14 @@ class LuminanceTextures:
 
     def snapshot(self, key: str) -> TextureTable:
         """Return the table for renderers; empty when `key` is not this bake's light key."""
-        slot = np.full(self.count, -1, dtype=np.int32)
-        if key == self.key:
-            slot[self.ids] = np.arange(len(self.ids), dtype=np.int32)
+        slot = self._slot if key == self.key else np.full(self.count, -1, dtype=np.int32)
         return TextureTable(slot, self.codes, decoding_table(self.scale, self.encoding), self.mapping)
+
+    @cached_property
+    def _slot(self) -> NDArray[np.int32]:
+        slot = np.full(self.count, -1, dtype=np.int32)
+        slot[self.ids] = np.arange(len(self.ids), dtype=np.int32)
+        return slot
 
     def sighted(self, ids: NDArray[np.int32], eye: NDArray[np.float64]) -> None:
         """Textures of a bake are all there: nothing to request."""
