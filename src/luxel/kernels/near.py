@@ -22,7 +22,6 @@ from luxel.kernels.simd import (
     bits,
     fma,
     fnma,
-    lane_max,
     load,
     mask_from_bits,
     select,
@@ -271,10 +270,10 @@ def nearest(near, found, rays, first, blocks, out):
         ax, ay, az = load(rays, o), load(rays, o + LANES), load(rays, o + 2 * LANES)
         dx, dy, dz = load(rays, o + 3 * LANES), load(rays, o + 4 * LANES), load(rays, o + 5 * LANES)
         w = load(rays, o + 6 * LANES)
-        t, hit, latest = splat(FAR), splat_int(np.int32(-1)), FAR
+        t, hit = splat(FAR), splat_int(np.int32(-1))
         for k in range(found):
             j = near.chosen[k]
-            if near.surface[j] - _ONE > latest:
+            if not any_lane(t >= splat(near.surface[j] - _ONE)):
                 break
             b, disc, _ = _cross(near, j, ax, ay, az, dx, dy, dz, w)
             root = vsqrt(vmax(disc, zero))
@@ -282,7 +281,6 @@ def nearest(near, found, rays, first, blocks, out):
             hits = (disc >= zero) & (b + root > exit_ * near.radius[j]) & (start < t)
             t = select(hits, start, t)
             hit = select(hits, splat_int(np.int32(j)), hit)
-            latest = lane_max(t)
         store(near.hit_t, out + block * LANES, t)
         store(near.hit, out + block * LANES, hit)
 

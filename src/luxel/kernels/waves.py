@@ -25,7 +25,6 @@ from luxel.kernels.simd import (
     bits,
     fma,
     fnma,
-    lane_max,
     load,
     mask_from_bits,
     select,
@@ -123,9 +122,8 @@ def _nearest(near, known, self_, waves):
     hits = (disc >= zero) & (b + root > exit_) & (skip != splat_int(self_))
     t = select(hits, vmax(b - root, zero), splat(FAR))
     hit = select(hits, splat_int(_SELF), splat_int(np.int32(-1)))
-    latest = lane_max(t + far)
     for j in range(known):
-        if near.surface[j] > latest:
+        if not any_lane(t + far >= splat(near.surface[j])):
             break
         b, disc = _meet(
             splat(near.x[j]) - ax, splat(near.y[j]) - ay, splat(near.z[j]) - az, dx, dy, dz, near.radius[j]
@@ -140,7 +138,6 @@ def _nearest(near, known, self_, waves):
         )
         t = select(hits, start, t)
         hit = select(hits, splat_int(np.int32(j)), hit)
-        latest = lane_max(t + far)
     store(waves.t, 0, t)
     store(waves.hit, 0, hit)
 
