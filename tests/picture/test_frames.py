@@ -475,3 +475,79 @@ def test_textures_of_other_particles_are_refused():
         frames.draw()
     with fake_session() as session, pytest.raises(InputError, match="its own"):
         Frames(session, textures=textures)
+
+
+def test_fewer_particles_come_while_the_camera_flies():
+    series = [cloud(3000), cloud(50)]
+    with luxel.Session(series, threads=0) as session, Frames(session, size=SIZE, threads=2) as frames:
+        for k in range(3):
+            frames.draw(luxel.View(camera=luxel.Camera.framing(series[0].bounds, azimuth=30.0 * k)))
+        session.set_frame(1)
+        frame = frames.draw()
+        assert 0 < frame.visible <= 50
+        frames.draw()
+        assert session.status().queued >= frame.visible
+
+
+def test_what_fails_while_it_is_drawn_is_drawn_anew():
+    particles = cloud(300)
+    source, path = (
+        Witness(len(particles)),
+        [luxel.Camera.framing(particles.bounds, azimuth=30.0 * k) for k in range(3)],
+    )
+    with Frames(luxel.Scene(particles), size=SIZE, textures=source, threads=2) as frames:
+        for camera in path:
+            frames.draw(luxel.View(camera=camera))
+        told, source.told = source.told, None  # the next telling, while the next frame is drawn, fails
+        with pytest.raises(AttributeError):
+            frames.draw(luxel.View(camera=path[0]))
+        source.told = told
+        *_, last = frames
+        with Frames(luxel.Scene(particles), luxel.View(camera=path[0]), SIZE, textures=source) as others:
+            *_, expected = others
+        assert np.array_equal(last.pixels, expected.pixels)
+        assert last.visible == expected.visible
+
+
+def test_a_baseline_after_textures_comes_to_rest():
+    particles = cloud(300)
+    scene = luxel.Scene(particles)
+    textures = luxel.bake(scene, texels=8, samples=1)
+    with Frames(scene, size=(48, 48), textures=textures, threads=1) as frames:
+        *_, lit = frames
+        frames.shading = "lambertian"
+        *_, plain = frames
+        assert plain.final
+        assert plain.visible == 0
+        frames.shading = "textures"
+        *_, again = frames
+        assert np.array_equal(again.pixels, lit.pixels)
+        assert again.visible == lit.visible > 0
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_rays_that_hit_nothing_read_nothing_that_is_not_there(filtered):
+    """One of them has its end in the very middle of the units, where a texture's coordinates are not defined."""
+    d = np.array([0.5117519185957158, 0.024085674622748354, 0.8587955834141038])
+    side = np.cross(d, [0, 0, 1.0])
+    side /= np.linalg.norm(side)
+    up = np.cross(side, d)
+    positions = np.stack([0.9 * side, -0.9 * side, 0.06 * side, -0.06 * side, 0.06 * up, -0.06 * up])
+    particles = luxel.Particles(positions, np.array([0.001] * 2 + [0.05] * 4))
+    spheres = SphereSet.of(particles)
+    camera = luxel.Camera(eye=spheres.center + spheres.unit * d, target=spheres.center, fov=60.0)
+    codes = np.full((6, 16, 16), 99, np.uint8)
+    textures = luxel.LuminanceTextures(np.arange(6, dtype=np.int32), codes, 1.0, "linear", 6, "key")
+    with Frames(
+        luxel.Scene(particles), luxel.View(camera=camera), (31, 31), textures=textures, filtered=filtered
+    ) as frames:
+        assert frames.draw().visible >= 4
+
+
+def test_a_sphere_beyond_the_precision_of_rays_is_drawn():
+    particles = luxel.Particles(np.array([[-1, -0.3, 0], [1, 0.3, 0], [0, 0, 0]]), np.array([0.2, 0.2, 1e-9]))
+    camera = luxel.Camera(eye=(0, 0, 5), target=(0, 0, 0), up=(0, 1, 0), height=1.0)
+    codes = np.full((3, 16, 16), 99, np.uint8)
+    textures = luxel.LuminanceTextures(np.arange(3, dtype=np.int32), codes, 1.0, "linear", 3, "key")
+    with Frames(luxel.Scene(particles), luxel.View(camera=camera), (1, 1), textures=textures) as frames:
+        assert frames.draw().ready == 1

@@ -88,7 +88,7 @@ def test_tallies_of_threads_together_are_those_of_what_they_list(threads: int) -
             assert seen.tally(table.slot)[0] == 0
         # Each thread draws all there is in its turn, so that all mark the same; in some rounds, not every thread draws.
         for row in range(threads if round_ % 2 else 1):
-            one = SimpleNamespace(of_thread=lambda _, row=row: seen.of_thread(row))
+            one = SimpleNamespace(begin=lambda: None, of_thread=lambda _, row=row: seen.of_thread(row))
             draw_rays(world.tree, world.lights, eye, (0.5, 0.1 * round_), skin, total, crew, seen=one)
         assert is_right()
         assert seen.tally(table.slot)[0] > 500

@@ -164,7 +164,7 @@ def _turned_lanes(t, steep):
 
 @kernel(inline=True)
 def _latlong_uv_lanes(x, y, z):
-    zero, tiny = splat(_ZERO), splat(np.float32(1e-20))
+    zero, tiny = splat(_ZERO), splat(np.float32(1e-18))  # so that the product of two is no zero
     wide, deep, high, flat = vabs(x), vabs(y), vabs(z), vsqrt(fma(x, x, y * y))
     around, up = vmax(vmax(wide, deep), tiny), vmax(vmax(flat, high), tiny)
     ratio = splat(_ONE) / (around * up)  # one division for two
@@ -182,12 +182,15 @@ def _wrapped_columns(row, column, side):
     beyond = select(vmin(row, last - row) < zero, splat(np.float32(side // 2)), zero)
     column = column + beyond
     column = select(column < zero, column + np.float32(side), column)
-    return vmin(vmax(row, zero), last), select(column > last, column - np.float32(side), column)
+    column = select(column > last, column - np.float32(side), column)
+    return vmin(vmax(row, zero), last), vmin(
+        vmax(column, zero), last
+    )  # what is no number must not be read either
 
 
 @kernel(inline=True, borrows=True)
 def texel_corners(mapping, side, x, y, z, apart, corners, at):
-    """The four texels around each of sixteen vectors, for bilinear lookups; their length does not matter if it is neither tiny nor huge.
+    """The four texels around each of sixteen vectors, for bilinear lookups; their length does not matter if it is neither tiny nor huge. Always texels that are there.
 
     Writes two fields to float32 `apart`, how far the point lies across and down between the corners, [0, 1), and four
     to int32 `corners`, the texels as `lookup.four_codes` takes them; each field from `at` on.

@@ -106,11 +106,15 @@ def make_opened(words: int) -> Opened:
 
 @kernel(inline=True, borrows=True)
 def open_textures(skin, opened, hits):
-    """Open the textures of all rays, of which some have one, and ask for what they are made of; those without get any, so that reading needs no branch."""
+    """Open the textures of all rays, of which some have one, and ask for what they are made of; those without get another's, so that reading needs no branch."""
     slot, corners, handles = hits.slot, hits.corners, opened.handles
     if opens_freely(skin.texels):
+        some = item(slot, 0)  # one that is there: slots that nobody has may hold anything
+        for j in range(1, RAYS):
+            some = max(some, item(slot, j))
         for j in range(RAYS):
-            handles[j] = open_texture(skin.texels, max(item(slot, j), 0) & PLACE, opened.words, j)
+            s = item(slot, j)
+            handles[j] = open_texture(skin.texels, (s if s >= 0 else some) & PLACE, opened.words, j)
     else:
         for j in range(RAYS):
             # Rays lie in squares of 4 × 4: what is open may be that of the ray to the left, or of the one above.

@@ -7,7 +7,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 
 import numpy as np
@@ -110,12 +110,11 @@ class Crew:
                 first()
             work()
         finally:
-            for other in others:
-                other.cancel()
+            begun = [other for other in others if not other.cancel()]
+            wait(begun)  # after an error, too: they write what the caller's next work does
             jobs.clear()
-        for other in others:
-            if not other.cancelled():
-                other.result()
+        for other in begun:
+            other.result()
 
     @contextlib.contextmanager
     def bench(self, stack_size: int, words: int, rays: int = 0) -> Iterator[frame.Bench]:
@@ -171,6 +170,8 @@ def draw_rays(
         tone = _untoned()
     x, y = np.float32(shift[0]), np.float32(shift[1])
     rows = iter(range(crew.threads))
+    if seen is not None:
+        seen.begin()
 
     def work() -> None:
         marks = _NO_MARKS if seen is None else seen.of_thread(next(rows))

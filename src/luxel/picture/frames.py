@@ -52,6 +52,10 @@ _FEW_THREADS = 4  # with so many, each takes pieces of work of its own
 _OWN_REFERENCES = 3  # the list's, the loop's, the call's
 _NOT_COLORS = frozenset({"camera", "hide", "exposure", "background", "up"})
 
+# What tells what the last frame saw, and of which particles.
+_Owed = tuple[Particles | None, Callable[[], None] | None]
+_NOTHING_OWED: _Owed = (None, None)
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -188,7 +192,7 @@ class Frames:
         self._passes = Passes(antialias**2)
         self._before = ""  # key of the light that is shown where there is none yet
         self._lit_by: tuple[str, Particles | None] = ("", None)
-        self._owed: Callable[[], None] | None = None  # tells what the last frame saw
+        self._owed: _Owed = _NOTHING_OWED
         self._flies = False  # the camera moved before the last frame
         self._light_came_s = -np.inf
         self._pause_s = 0.0
@@ -241,29 +245,36 @@ class Frames:
         except BaseException:
             self._made_of.clear()  # what has moved has not been drawn
             raise
-        sight = self._sight
-        light_came = not moved and sight.changes(table)
-        if moved:
+        sight, looks = self._sight, self.shading == "textures"
+        light_came = looks and not moved and sight.changes(table)
+        if moved or (sight.count and not looks):
             sight.forget(len(scene.particles))
         elif light_came:
             changed = True
-        owed, self._owed = self._owed, None
+        (seen_of, owed), self._owed = self._owed, _NOTHING_OWED
+        if seen_of is not scene.particles:
+            owed = None  # they have other numbers now
         told = sight.is_told(source)
         drawn = self._passes.next(self.size, moved=moved, changed=changed)
         self._rested = drawn is None
         picture = None
         if drawn is not None:
-            picture = self._add_ray(drawn, table, owed)
+            try:
+                picture = self._add_ray(drawn, table, owed)
+            except BaseException:
+                self._made_of.clear()  # whatever is there is no whole picture
+                raise
         elif owed is not None:
             owed()
-        if self.shading == "textures" and (drawn is not None or changed):
+        if looks and (drawn is not None or changed):
             sight.gather(table)
         if moved and self._flies:
             # There is a next frame, and it will not see the same: others can draw it while this is told and taken in.
-            self._owed = sight.telling(
-                source, self._place, self.target.take_in if self.bake_budget_s > 0 else None
-            )
-        else:
+            then = self.target.take_in if self.bake_budget_s > 0 else None
+            self._owed = scene.particles, sight.telling(source, self._place, then)
+        elif (
+            self.target.scene.particles is scene.particles
+        ):  # else another thread has brought others meanwhile
             sight.tell(source, self._place, self._clock())
         self._flies = moved
         if picture is None and (toned or self._frame is None):

@@ -35,8 +35,12 @@ class SeenMarks:
         self.marks: NDArray[np.int64] = np.zeros((threads, 64 * blocks), np.int64)
         self.marked: NDArray[np.int64] = np.zeros((threads, blocks), np.int64)
         self._tallies: NDArray[np.int64] = np.zeros((threads, 5), np.int64)
-        self._tallied = [False] * threads  # since the last `tally`
+        self._tallied = [False] * threads  # since `begin` and the last `tally`
         self._clean = True
+
+    def begin(self) -> None:
+        """Take it that no thread has drawn yet, whatever became of what was drawn last."""
+        self._tallied = [False] * len(self._tallied)
 
     def of_thread(self, row: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         """Return marks and tally of one thread, for it to write to."""
@@ -46,6 +50,7 @@ class SeenMarks:
 
     def clear(self) -> None:
         """Unmark all."""
+        self.begin()
         if not self._clean:
             clear_seen(self.marks, self.marked)
             self._tallies[...] = 0
