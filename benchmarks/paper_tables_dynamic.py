@@ -154,7 +154,9 @@ def table6(sets: list[DataSet], quick: bool) -> Rows:
         for data in sets:
             path = arc(data.particles, (24 if distance < 1 else 12) if quick else 100, distance)
             row = {"scene": data.name, **_frame_rates(data, path)}
-            if distance == 1:  # half of the picture and more is background, which neither shadows nor textures cost
+            if (
+                distance == 1
+            ):  # half of the picture and more is background, which neither shadows nor textures cost
                 row |= {"scene": f"{data.name}, far", "targets": "none"}
             rows.append(row)
     for name, lambert, query, waiting, completed in _PAPER_TABLE6:
