@@ -152,7 +152,7 @@ def table6(sets: list[DataSet], quick: bool) -> Rows:
     rows: Rows = []
     for distance in (0.5, 1.0):
         for data in sets:
-            path = arc(data.particles, (24 if distance < 1 else 12) if quick else 100, distance)
+            path = arc(data.particles, (48 if distance < 1 else 24) if quick else 100, distance)
             row = {"scene": data.name, **_frame_rates(data, path)}
             if (
                 distance == 1
