@@ -186,9 +186,10 @@ def fill(sets: list[DataSet], quick: bool, threads: int) -> Rows:
     ways = {"at rest": iter, "30 a second": _thirty_a_second} | (
         {} if quick else {"as many as can be": _flying}
     )
+    _fill(scene, camera, 32, threads, iter, refined=False)  # compiles
     for side in (512,) if quick else (512, 1024):
         seen = visible_ids(scene, camera, (side, side))
-        luxel.bake(scene, seen[:64], samples=1, mode="fast")  # compiles
+        luxel.bake(scene, seen[:64], samples=1, mode="fast")  # compiles what bakes need besides
         start = perf_counter()
         bake_with(Baker(scene, _SPEC), seen, threads=threads)
         took = perf_counter() - start
