@@ -33,6 +33,12 @@ def _slot_hash(particle, slot):
     return np.int64(h ^ (h >> np.uint64(32)))
 
 
+@kernel(inline=True)
+def _kinds(particle, slot):
+    """Whether a slot is that of a texture, of first light only, or of a texture of another light; and a hash of it."""
+    return (slot >= 0) & (slot < STALE), slot == FIRST_LIGHT, slot >= STALE, _slot_hash(particle, slot)
+
+
 @kernel(inline=True, borrows=True)
 def mark_seen(who, rays, marks, marked):
     """Mark the particles that some rays hit.
@@ -73,12 +79,8 @@ def tally_seen(marks, marked, slot, tally):
             while left != 0:
                 i = 64 * word + trailing_zeros(left)
                 left &= left - 1
-                s = slot[i]
-                count += 1
-                textured += (s >= 0) & (s < STALE)
-                dim += s == FIRST_LIGHT
-                stale += s >= STALE
-                digest += _slot_hash(i, s)
+                a, b, c, h = _kinds(i, slot[i])
+                count, textured, dim, stale, digest = count + 1, textured + a, dim + b, stale + c, digest + h
     tally[0], tally[1], tally[2], tally[3], tally[4] = count, textured, dim, stale, digest
 
 
@@ -88,15 +90,12 @@ def join_tallies(marks, marked, slot, tallies):
 
     `marks` and `marked` are as :func:`list_seen` takes them, `tallies` (T, 5) int64 as :func:`tally_seen` makes them.
     """
-    count, textured, dim, stale = tallies[0, 0], tallies[0, 1], tallies[0, 2], tallies[0, 3]
-    digest = tallies[0, 4]
     threads = marks.shape[0]
-    for t in range(1, threads):
-        count += tallies[t, 0]
-        textured += tallies[t, 1]
-        dim += tallies[t, 2]
-        stale += tallies[t, 3]
-        digest += tallies[t, 4]
+    count = textured = dim = stale = 0
+    digest = np.int64(0)
+    for t in range(threads):
+        count, textured, dim = count + tallies[t, 0], textured + tallies[t, 1], dim + tallies[t, 2]
+        stale, digest = stale + tallies[t, 3], digest + tallies[t, 4]
     for block in range(marked.shape[1]):
         some = words = np.int64(0)
         for t in range(threads):
@@ -112,12 +111,14 @@ def join_tallies(marks, marked, slot, tallies):
                 while again != 0:
                     i = 64 * word + trailing_zeros(again)
                     again &= again - 1
-                    s = slot[i]
-                    count -= 1
-                    textured -= (s >= 0) & (s < STALE)
-                    dim -= s == FIRST_LIGHT
-                    stale -= s >= STALE
-                    digest -= _slot_hash(i, s)
+                    a, b, c, h = _kinds(i, slot[i])
+                    count, textured, dim, stale, digest = (
+                        count - 1,
+                        textured - a,
+                        dim - b,
+                        stale - c,
+                        digest - h,
+                    )
     return count, textured, dim, stale, digest
 
 
@@ -177,11 +178,8 @@ def count_slots(ids, slot):
     digest = np.int64(0)
     for k in range(ids.shape[0]):  # without asking ahead: sixteen at a time where the processor can
         i = ids[k]
-        s = slot[i]
-        textured += (s >= 0) & (s < STALE)
-        dim += s == FIRST_LIGHT
-        stale += s >= STALE
-        digest += _slot_hash(i, s)
+        a, b, c, h = _kinds(i, slot[i])
+        textured, dim, stale, digest = textured + a, dim + b, stale + c, digest + h
     return textured, dim, stale, digest
 
 

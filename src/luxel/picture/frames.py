@@ -272,9 +272,7 @@ class Frames:
             # There is a next frame, and it will not see the same: others can draw it while this is told and taken in.
             then = self.target.take_in if self.bake_budget_s > 0 else None
             self._owed = scene.particles, sight.telling(source, self._place, then)
-        elif (
-            self.target.scene.particles is scene.particles
-        ):  # else another thread has brought others meanwhile
+        elif self.target.scene.particles is scene.particles:  # no other thread has brought others
             sight.tell(source, self._place, self._clock())
         self._flies = moved
         if picture is None and (toned or self._frame is None):

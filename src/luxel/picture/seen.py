@@ -64,7 +64,7 @@ class SeenMarks:
         for row, done in enumerate(self._tallied):
             if not done:  # but its marks are from before
                 tally_seen(self.marks[row], self.marked[row], slot, self._tallies[row])
-            self._tallied[row] = False
+        self.begin()
         count, textured, dim, stale, digest = join_tallies(self.marks, self.marked, slot, self._tallies)
         return int(count), int(textured), int(dim), int(stale), int(digest)
 

@@ -77,8 +77,7 @@ class Sight:
         now = source.key, self.count
         if self._told == now and now_s - self._told_s < _TELL_AGAIN_S:
             return
-        if self.count:
-            source.sighted(self._list(), eye)
+        self.telling(source, eye)()
         self._told, self._told_s = now, now_s
 
     def telling(
