@@ -19,6 +19,8 @@ from typing import Any
 
 import websocket
 
+# Only ever waited for when a test is about to fail: on a busy machine, kernels are compiled meanwhile.
+_TIMEOUT_S = 300.0
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _FLAGS = (
     "--headless",
@@ -63,7 +65,7 @@ class Browser:
                 time.sleep(0.05)  # another process's start: nothing to wait on
             version = self._ask("version")
             self._socket = websocket.create_connection(
-                version["webSocketDebuggerUrl"], timeout=60, suppress_origin=True
+                version["webSocketDebuggerUrl"], timeout=_TIMEOUT_S, suppress_origin=True
             )
         except BaseException:
             self.close()
@@ -142,7 +144,7 @@ class Page:
         try:
             address, self._end = self.browser.tab()
             self._socket = websocket.create_connection(
-                address, timeout=60, enable_multithread=False, suppress_origin=True, max_size=None
+                address, timeout=_TIMEOUT_S, enable_multithread=False, suppress_origin=True, max_size=None
             )
             for domain in ("Page", "Runtime", "Log"):
                 self.call(f"{domain}.enable")

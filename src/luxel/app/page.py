@@ -15,6 +15,8 @@ __all__ = ["Page"]
 
 _WAITING_MAX = 64  # messages that are not sent yet, of those that a page may ask for any number of
 _COARSE_COUNT = 8192  # records in one message: 96 kB
+# Keys of messages that say nothing any more once another data set is shown.
+_OF_DATA = {"scene", "light", "beside", "status", "geometry", "scalar", "codec", "frame"}
 
 
 class Page:
@@ -65,8 +67,9 @@ class Page:
         self.parts.reset()
 
     def clear(self) -> None:
-        """Drop what has not been sent: it is about another data set."""
-        self._outbox.clear()
+        """Drop what has not been sent and is about another data set; answers and errors are waited for nonetheless."""
+        for key in [each for each in self._outbox if (each[0] if isinstance(each, tuple) else each) in _OF_DATA]:
+            del self._outbox[key]
 
     def next_posted(self) -> protocol.Message | None:
         """Return the next message, oldest first."""

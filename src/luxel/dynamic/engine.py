@@ -24,6 +24,7 @@ from luxel.dynamic.entries import Entries
 from luxel.dynamic.pace import Cost
 from luxel.dynamic.preparing import TEXTURES, Preparing, waiting
 from luxel.dynamic.queue import Heuristic, RequestQueue, recent_and_near
+from luxel.dynamic.rehearsal import rehearse
 from luxel.dynamic.shares import Helpers
 from luxel.dynamic.sightings import Ids, Measure, Sighting
 from luxel.dynamic.threads import end_threads, start_threads
@@ -103,6 +104,7 @@ class Engine:
         expiry_s: float = 2.0,
         small_pixels: float = 0.0,
     ) -> None:
+        rehearse()
         self.cache = cache
         self.thread_count = threads
         self.small_pixels = small_pixels
