@@ -79,7 +79,7 @@ def test_sunlight_is_that_of_single_rays(name, samples):
 def follow_both(world, particle, starts, directions, together, alone):
     """Paths that go on from where rays of a particle meet a neighbour, both ways; returns their number."""
     work = scratch(world.tree.stack_size)
-    near, waves = near_scratch(LANES), wave_scratch(len(starts))
+    near, waves = near_scratch(LANES), wave_scratch(world.tree, len(starts))
     x, y, z = world.centers[particle, 0], world.centers[particle, 1], world.centers[particle, 2]
     r = world.radii[particle]
     known, reach = neighbours(world, work, near, particle)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import luxel
+from luxel.kernels.bundle import ROOM, bundle_scratch, first_met, meets, put, trace_bundle, whose
 from luxel.kernels.jit import kernel
-from luxel.kernels.tree_trace import BLOCKERS, IDS, LEAF, blocked, scratch
+from luxel.kernels.tree_trace import BLOCKERS, IDS, LEAF, scratch, trace
 from luxel.trace.reference import ReferenceTracer
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import SphereTree
@@ -145,11 +146,74 @@ def test_every_sphere_is_in_exactly_one_leaf():
 
 
 @kernel
-def blocked_rays(tree, origins, directions, skip, kinds, found):
+def trace_in_bundles(tree, origins, directions, limit, skip, kinds, any_hit, size, distance, ids):
+    """Bundles of `size` rays; where any hit will do, ids are 1 for one and -1 for none."""
+    work, bundle = scratch(tree.stack_size), bundle_scratch(tree)
+    for first in range(0, origins.shape[0], size):
+        count = min(size, origins.shape[0] - first)
+        for j in range(count):
+            o, d = origins[first + j], directions[first + j]
+            put(
+                bundle, j, first + j, limit[first + j], o[0], o[1], o[2], d[0], d[1], d[2], limit[first + j],
+                skip[first + j], kinds[first + j],
+            )  # fmt: skip
+        trace_bundle(tree, work, bundle, count, any_hit)
+        for j in range(count):
+            k, worth = whose(bundle, j)
+            t, hit = first_met(bundle, tree, j)
+            if any_hit:
+                hit = 1 if meets(bundle, j) else -1
+            distance[k] = t if hit >= 0 else worth
+            ids[k] = hit
+
+
+@kernel
+def trace_alone(tree, origins, directions, limit, skip, distance, ids):
     work = scratch(tree.stack_size)
     for k in range(origins.shape[0]):
         o, d = origins[k], directions[k]
-        found[k] = blocked(tree, work, o[0], o[1], o[2], d[0], d[1], d[2], skip[k], kinds[k])
+        distance[k], ids[k] = trace(tree, work, o[0], o[1], o[2], d[0], d[1], d[2], limit[k], skip[k], False)
+
+
+def in_bundles(tree, origins, directions, limit, skip, kinds, any_hit, size):
+    distance, found = np.empty(len(skip), np.float32), np.empty(len(skip), np.int32)
+    trace_in_bundles(
+        tree.arrays, origins, directions, limit, skip, kinds.astype(np.int32), any_hit, size, distance, found
+    )
+    return distance, found
+
+
+@pytest.mark.parametrize("size", [1, 3, 11, 12, 17, ROOM])
+@pytest.mark.parametrize("count", [0, 1, 5, 700, 30_000])
+def test_bundles_meet_what_rays_alone_meet(count, size):
+    spheres = SphereSet.of(cloud(max(count, 1), seed=4, radius=0.02))
+    tree = SphereTree(spheres, hidden=np.ones(1, np.bool_) if count == 0 else None)
+    origins, directions, skip = random_rays(cloud(700, seed=4), 4000)
+    skip = np.where(skip < count, skip, -1).astype(np.int32)
+    limit = np.random.default_rng(3).choice(np.float32([0.05, 0.4, 1e30]), len(skip))
+    distance, ids = np.empty(len(skip), np.float32), np.empty(len(skip), np.int32)
+    trace_alone(tree.arrays, origins, directions, limit, skip, distance, ids)
+    nobody = np.full(len(skip), -1)
+    t, found = in_bundles(tree, origins, directions, limit, skip, nobody, False, size)
+    np.testing.assert_array_equal(t, distance)
+    np.testing.assert_array_equal(found >= 0, ids >= 0)
+    # A ray may start inside of several spheres.
+    np.testing.assert_array_equal(found[t > 0], ids[t > 0])
+    blocked = in_bundles(tree, origins, directions, limit, skip, nobody, True, size)[1]
+    np.testing.assert_array_equal(blocked >= 0, ids >= 0)
+    assert count < 700 or 0.02 < (ids >= 0).mean() < 1
+
+
+def test_coincident_spheres_are_met_by_bundles():
+    particles = luxel.Particles(np.repeat([[0.0, 0, 0], [3, 0, 0]], 40, axis=0), 1.0)
+    tree = SphereTree(SphereSet.of(particles))
+    origins, directions, _ = random_rays(particles, 2000)
+    distance, ids = tree.closest(origins - 5 * directions, directions)
+    one = SphereTree(SphereSet.of(luxel.Particles(particles.positions[::40], 1.0)))
+    expected, first = one.closest(origins - 5 * directions, directions)
+    np.testing.assert_array_equal(ids < 0, first < 0)
+    np.testing.assert_array_equal(ids[ids >= 0] // 40, first[ids >= 0])
+    np.testing.assert_allclose(distance[ids >= 0], expected[ids >= 0], atol=1e-5)
 
 
 @pytest.mark.parametrize("kinds", [1, 8, BLOCKERS])
@@ -160,7 +224,7 @@ def test_what_blocked_others_changes_nothing(kinds):
     expected = tree.occluded(origins, directions, skip=ids)
     assert 0.1 < expected.mean() < 0.9
     kind = np.random.default_rng(1).integers(0, kinds, len(ids))
-    found = np.empty(len(ids), np.bool_)
-    blocked_rays(tree.arrays, origins, directions, ids, kind, found)
+    limit = np.full(len(ids), 1e30, np.float32)
+    found = in_bundles(tree, origins, directions, limit, ids, kind, True, ROOM)[1] >= 0
     # Where boxes and spheres round differently: one in ten thousand.
     assert (found != expected).mean() <= 1e-4

@@ -68,7 +68,9 @@ class Page:
 
     def clear(self) -> None:
         """Drop what has not been sent and is about another data set; answers and errors are waited for nonetheless."""
-        for key in [each for each in self._outbox if (each[0] if isinstance(each, tuple) else each) in _OF_DATA]:
+        for key in [
+            each for each in self._outbox if (each[0] if isinstance(each, tuple) else each) in _OF_DATA
+        ]:
             del self._outbox[key]
 
     def next_posted(self) -> protocol.Message | None:

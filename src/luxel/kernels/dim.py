@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.launch import launch
-from luxel.kernels.near import near_scratch
+from luxel.kernels.near import Near, near_scratch
 from luxel.kernels.path import LAMBERTIAN
 from luxel.kernels.rays import Site, neighbours
-from luxel.kernels.records import book_scratch, ensure_record, is_black, record_towards
-from luxel.kernels.simd import LANES
-from luxel.kernels.sunlight import sun_scratch, sunlight
+from luxel.kernels.records import BookScratch, book_scratch, ensure_record, is_black, record_towards
+from luxel.kernels.sunlight import SunScratch, sun_scratch, sunlight
 from luxel.kernels.tree_trace import scratch
-from luxel.kernels.waves import wave_scratch
+from luxel.kernels.waves import Waves, wave_scratch
 
 __all__ = ["LIT", "dim_levels"]
 
@@ -22,23 +23,68 @@ LIT = np.float32(-1)
 _ZERO = np.float32(0)
 
 
+class _Pad(NamedTuple):
+    """Working memory of one thread."""
+
+    near: Near
+    waves: Waves
+    suns: SunScratch
+    values: np.ndarray  # (rays,) float32
+    every: np.ndarray  # (cells,) uint8, ones
+    light: np.ndarray  # (cells,) float32
+    light2: np.ndarray
+    seen: np.ndarray  # (cells,) uint32
+    book: BookScratch
+
+
 @kernel(borrows=True)
-def _sees_light(world, work, near, known, site, sun_table, every, suns, values, light, light2, seen):
+def _sees_light(world, work, pad, known, site, sun_table):
     """Whether any ray finds a light, without bounces."""
-    for s in range(values.shape[0]):
-        if values[s] > 0:
+    for s in range(pad.values.shape[0]):
+        if pad.values[s] > 0:
             return True
     if sun_table.rays.shape[0] == 0:
         return False
+    light, light2, seen = pad.light, pad.light2, pad.seen
     light[:] = _ZERO
     light2[:] = _ZERO
     seen[:] = 0
-    sunlight(world, work, near, known, site, sun_table, every, suns, light, light2, seen)
+    sunlight(world, work, pad.near, known, site, sun_table, pad.every, pad.suns, light, light2, seen)
     # Not `light.max()`: kernels without reference counts cannot compile it, unless another has before them.
     for cell in range(light.shape[0]):  # noqa: SIM110
         if light[cell] > 0:
             return True
     return False
+
+
+@kernel(borrows=True)
+def _level(world, work, book, pad, table, sun_table, i):
+    """Level of one particle, see :func:`dim_levels`."""
+    if world.model == LAMBERTIAN or not is_black(world, work, book, pad.book, i):
+        return LIT
+    waves, values = pad.waves, pad.values
+    known, reach = neighbours(world, work, pad.near, i)
+    site = Site(i, world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i], reach)
+    paths = launch(world, work, pad.near, known, site, table, pad.every, values, waves)
+    if _sees_light(world, work, pad, known, site, sun_table):
+        return LIT
+    exposed = 0
+    for s in range(values.shape[0]):
+        if table.texel[s] >= 0 and values[s] >= 0:
+            exposed += 1
+    total = _ZERO
+    for path in range(paths):
+        other = waves.sphere[path]
+        ensure_record(world, work, book, pad.book, other)
+        total += record_towards(world, book.records, other, waves.point[path])
+    return world.albedo * total / np.float32(exposed) if exposed > 0 else _ZERO
+
+
+@kernel(borrows=True)
+def _levels(world, work, book, pad, table, sun_table, ids, levels):
+    """As :func:`dim_levels`; without reference counts, which of a hundred arrays would cost as much as what is done."""
+    for k in range(ids.shape[0]):
+        levels[k] = _level(world, work, book, pad, table, sun_table, ids[k])
 
 
 @kernel
@@ -49,32 +95,10 @@ def dim_levels(world, book, table, sun_table, ids, levels):
     it needs of the records that are missing. Unshadowed light has no use for records: there all are `LIT`.
     """
     work = scratch(world.tree.stack_size)
-    pad = book_scratch(book)
-    rays = table.texel.shape[0]
-    near, waves, suns = near_scratch(table.width * LANES), wave_scratch(rays), sun_scratch(sun_table)
-    values = np.zeros(rays, np.float32)
-    cells = sun_table.texel.shape[0]
-    every = np.ones(cells, np.uint8)
-    light, light2, seen = np.zeros(cells, np.float32), np.zeros(cells, np.float32), np.zeros(cells, np.uint32)
-    for k in range(ids.shape[0]):
-        i = ids[k]
-        levels[k] = LIT
-        if world.model == LAMBERTIAN:
-            continue
-        if not is_black(world, work, book, pad, i):
-            continue
-        known, reach = neighbours(world, work, near, i)
-        site = Site(i, world.centers[i, 0], world.centers[i, 1], world.centers[i, 2], world.radii[i], reach)
-        paths = launch(world, work, near, known, site, table, every, values, waves)
-        if _sees_light(world, work, near, known, site, sun_table, every, suns, values, light, light2, seen):
-            continue
-        exposed = 0
-        for s in range(rays):
-            if table.texel[s] >= 0 and values[s] >= 0:
-                exposed += 1
-        total = _ZERO
-        for path in range(paths):
-            other = waves.sphere[path]
-            ensure_record(world, work, book, pad, other)
-            total += record_towards(world, book.records, other, waves.point[path])
-        levels[k] = world.albedo * total / np.float32(exposed) if exposed > 0 else _ZERO
+    rays, cells = table.texel.shape[0], sun_table.texel.shape[0]
+    pad = _Pad(
+        near_scratch(rays), wave_scratch(world.tree, rays), sun_scratch(world.tree, sun_table),
+        np.zeros(rays, np.float32), np.ones(cells, np.uint8), np.zeros(cells, np.float32),
+        np.zeros(cells, np.float32), np.zeros(cells, np.uint32), book_scratch(world.tree, book),
+    )  # fmt: skip
+    _levels(world, work, book, pad, table, sun_table, ids, levels)

@@ -7,7 +7,16 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.near import RAY, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION
-from luxel.kernels.rays import add_area_lights, first_hits, hit_point, ray_start, ray_word, set_of, sky_along
+from luxel.kernels.rays import (
+    add_area_lights,
+    first_hits,
+    hit_point,
+    hits_beyond,
+    ray_start,
+    ray_word,
+    set_of,
+    sky_along,
+)
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import LANES
 from luxel.kernels.tree_trace import MISS
@@ -30,26 +39,40 @@ def _wanted_rays(table, at, count, wanted):
 
 
 @kernel(borrows=True)
-def _trace_patch(world, work, near, known, site, table, chosen_set, patch, wanted, values, waves, paths):
-    """Estimate what the rays of one patch bring without bounces and suns; returns how many paths there are by now."""
-    block = patch * table.width
-    first, at = block * RAY, block * LANES
-    count = min(table.width * LANES, table.texel.shape[0] - at)
-    rays_wanted = _wanted_rays(table, at, count, wanted)
-    if rays_wanted == 0:
-        for s in range(count):
-            values[at + s] = -_ONE
-        return paths
+def _meet(world, work, near, known, site, table, chosen_set, wanted, bundle):
+    """Find out what all rays from texels that are wanted meet."""
+    rays, lanes = table.rays[chosen_set], table.width * LANES
+    listed = 0
+    for patch in range(table.patches.shape[0]):
+        at = patch * lanes
+        count = min(lanes, table.texel.shape[0] - at)
+        chosen = _wanted_rays(table, at, count, wanted)
+        if chosen != 0:
+            p = table.patches[patch]
+            found = patch_neighbours(near, known, p[0], p[1], p[2], p[3])
+            first = patch * table.width * RAY
+            listed = first_hits(
+                world, work, near, found, site, rays, first, count, chosen, at, bundle, listed
+            )
+    hits_beyond(world, work, near, site, bundle, listed)
+
+
+@kernel(borrows=True, inner=True)
+def launch(world, work, near, known, site, table, wanted, values, waves):
+    """Follow the rays of one particle to what they meet; returns the number of paths that go on from there.
+
+    Writes to `values` what each ray brings without bounces and suns, -1 if it starts inside a neighbour, or from a
+    texel whose `wanted` (texels,) is 0.
+    """
+    chosen_set = set_of(world, site.sphere, table.rays.shape[0])
+    _meet(world, work, near, known, site, table, chosen_set, wanted, waves.beyond)
     rays = table.rays[chosen_set]
-    p = table.patches[patch]
-    found = patch_neighbours(near, known, p[0], p[1], p[2], p[3])
-    first_hits(world, work, near, found, site, rays, first, count, rays_wanted)
     bouncing = world.model == INTERREFLECTION and world.albedo > 0
-    for s in range(count):
-        t, hit = near.hit_t[s], near.hit[s]
-        o = first + ray_word(s)
+    paths = 0
+    for s in range(table.texel.shape[0]):
+        texel, t, hit, o = table.texel[s], near.hit_t[s], near.hit[s], ray_word(s)
         value = _ZERO
-        if rays_wanted >> s & 1 == 0:
+        if texel < 0 or wanted[texel] == 0:
             value = -_ONE
         elif hit == MISS or (hit >= 0 and t * site.r >= world.reach):
             value = sky_along(world, site, rays, o)
@@ -62,25 +85,9 @@ def _trace_patch(world, work, near, known, site, table, chosen_set, patch, wante
                 world.cell, near, s, px + t * rays[o + 3 * LANES], py + t * rays[o + 4 * LANES],
                 pz + t * rays[o + 5 * LANES],
             )  # fmt: skip
-            state = path_key(world.seed, site.sphere, at + s, 2, PURPOSE_TEXEL)
-            add_path(world.cell, waves, paths, at + s, hit, px, py, pz, offset, state)
+            state = path_key(world.seed, site.sphere, s, 2, PURPOSE_TEXEL)
+            add_path(world.cell, waves, paths, s, hit, px, py, pz, offset, state)
             paths += 1
-        values[at + s] = value
-    add_area_lights(world, work, site, table, chosen_set, block, count, values)
-    return paths
-
-
-@kernel(borrows=True, inner=True)
-def launch(world, work, near, known, site, table, wanted, values, waves):
-    """Follow the rays of one particle to what they meet; returns the number of paths that go on from there.
-
-    Writes to `values` what each ray brings without bounces and suns, -1 if it starts inside a neighbour, or from a
-    texel whose `wanted` (texels,) is 0.
-    """
-    chosen_set = set_of(world, site.sphere, table.rays.shape[0])
-    paths = 0
-    for patch in range(table.patches.shape[0]):
-        paths = _trace_patch(
-            world, work, near, known, site, table, chosen_set, patch, wanted, values, waves, paths
-        )
+        values[s] = value
+    add_area_lights(world, work, site, table, chosen_set, values)
     return paths

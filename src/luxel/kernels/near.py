@@ -219,7 +219,7 @@ def _sort(near, count):
         gap = 4 if gap == 10 else 1 if gap == 4 else 0
 
 
-@kernel(inner=True)
+@kernel(inline=True)
 def patch_neighbours(near, count, nx, ny, nz, spread):
     """Choose the neighbours that rise above the horizon somewhere within chord `spread` of n; returns their number."""
     vx, vy, vz, vs = splat(nx), splat(ny), splat(nz), splat(spread)

@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from luxel.kernels.bundle import ROOM, first_met, meets, put, trace_bundle, whose
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
 from luxel.kernels.near import RAY, collect, nearest, unblocked
 from luxel.kernels.periodic import HERE, LOST, follow, image_of, shadowed, surroundings
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import FAR, LANES, store, trailing_zeros
-from luxel.kernels.tree_trace import MISS, blocked
+from luxel.kernels.tree_trace import MISS
 
 __all__ = [
     "EVERY_RAY",
@@ -23,17 +24,19 @@ __all__ = [
     "Site",
     "add_area_lights",
     "add_sunlight",
+    "bring",
     "escaping",
     "first_hits",
     "hit_point",
+    "hits_beyond",
     "neighbours",
+    "pass_beyond",
     "put_rays",
     "ray_kind",
     "ray_start",
     "ray_word",
     "set_of",
     "sky_along",
-    "stopped",
     "within_reach",
 ]
 
@@ -134,32 +137,6 @@ def _leave(site, rays, o):
 
 
 @kernel(inline=True, borrows=True)
-def _beyond(world, work, site, rays, o, t):
-    """Follow a ray from where it leaves the near ball up to distance t; returns (distance, particle, offset)."""
-    start, px, py, pz = _leave(site, rays, o)
-    if t <= start:
-        return t, _NONE, HERE
-    limit = (t - start) * site.r if t < FAR else FAR
-    s, hit, _, _, _, offset = follow(
-        world.cell, world, work, px, py, pz, HERE, rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES],
-        limit, site.sphere,
-    )  # fmt: skip
-    return start + s / site.r, hit, offset
-
-
-@kernel(inline=True, borrows=True)
-def stopped(world, work, site, rays, o):
-    """Whether anything stops a ray beyond the near ball."""
-    _, px, py, pz = _leave(site, rays, o)
-    dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
-    if world.cell is not None:
-        return shadowed(world.cell, world, work, px, py, pz, dx, dy, dz, FAR, site.sphere)
-    else:
-        kind = ray_kind(px - site.x, py - site.y, pz - site.z, max(site.reach, _ONE) * site.r, dx, dy, dz)
-        return blocked(world.tree, work, px, py, pz, dx, dy, dz, site.sphere, kind)
-
-
-@kernel(inline=True, borrows=True)
 def ray_kind(x, y, z, reach, dx, dy, dz):
     """Tell rays apart by their directions and by where within `reach` of the origin they leave: one of ``tree_trace.BLOCKERS``."""
     scale = _HALF_A_SIDE / reach
@@ -185,68 +162,183 @@ def hit_point(cell, near, k, px, py, pz):
         return px - x, py - y, pz - z, (x, y, z)
 
 
-@kernel(borrows=True, inner=True)
-def first_hits(world, work, near, found, site, rays, first, count, wanted):
-    """Nearest hits of `count` rays from word `first`, within ``world.reach`` at least.
+@kernel(inline=True, borrows=True)
+def _note_hit(world, near, site, k, t, particle, offset):
+    """Note what ray k meets beyond the near ball, if anything."""
+    if particle >= 0:
+        near.hit_t[k], near.hit[k] = max(t, _TOUCHING) if site.reach > _ONE else t, particle
+        _note_offset(world.cell, near, k, offset)
+    elif particle == LOST and near.hit[k] < 0:
+        near.hit[k] = particle
 
-    Writes near.hit_t, 0 for a start inside a neighbour; near.hit: particle, MISS or LOST; near.offset. Only for rays whose
-    bit of `wanted` is set; rays from the 64th on go by the last bit.
+
+@kernel(borrows=True, inner=True)
+def hits_beyond(world, work, near, site, bundle, listed):
+    """Find out what those rays meet beyond the near ball that :func:`first_hits` has put into the bundle."""
+    if listed > 0:
+        trace_bundle(world.tree, work, bundle, listed, False)
+    for j in range(listed):
+        s, particle = first_met(bundle, world.tree, j)
+        k, start = whose(bundle, j)
+        _note_hit(world, near, site, k, start + s / site.r, particle, HERE)
+
+
+@kernel(inline=True, borrows=True)
+def first_hits(world, work, near, found, site, rays, first, count, wanted, base, bundle, listed):
+    """Nearest hits of `count` rays from word `first`, within ``world.reach`` at least, but for those that :func:`hits_beyond` has to be asked about.
+
+    Writes, from ray `base` on, near.hit_t, 0 for a start inside a neighbour; near.hit: particle, MISS or LOST; near.offset. Only for rays whose
+    bit of `wanted` is set; rays from the 64th on go by the last bit. `listed` rays are in the bundle already; returns how many then are.
     """
     begin, end = 0, (count + LANES - 1) // LANES
     while begin < end and wanted >> min(begin * LANES, _LAST_BIT) & _ALL == 0:
         begin += 1
     while begin < end and wanted >> min((end - 1) * LANES, _LAST_BIT) & _ALL == 0:
         end -= 1
-    nearest(near, found, rays, first + begin * RAY, end - begin, begin * LANES)
+    nearest(near, found, rays, first + begin * RAY, end - begin, base + begin * LANES)
     most = world.reach / site.r
-    for k in range(count):
-        if wanted >> min(k, _LAST_BIT) & 1 == 0:
+    for s in range(count):
+        if wanted >> min(s, _LAST_BIT) & 1 == 0:
             continue
-        t, hit = near.hit_t[k], near.hit[k]
+        k = base + s
+        t, hit = min(near.hit_t[k], most), near.hit[k]
         particle, offset = _NONE, HERE
         if hit >= 0:
             particle, offset = image_of(world.cell, world, site.sphere, near.id[hit])
-        beyond, other, other_offset = _beyond(world, work, site, rays, first + ray_word(k), min(t, most))
-        if other >= 0:
-            t = max(beyond, _TOUCHING) if site.reach > _ONE else beyond
-            particle, offset = other, other_offset
-        elif other == LOST and hit < 0:
-            particle = other
-        near.hit_t[k], near.hit[k] = t, particle
+        near.hit[k] = particle
         _note_offset(world.cell, near, k, offset)
-
-
-@kernel(borrows=True, inner=True)
-def within_reach(world, work, near, found, site, rays, first, count, values, base):
-    """Sky radiance for rays that nothing stops within ``world.reach``, else 0; -1 for starts inside a neighbour."""
-    first_hits(world, work, near, found, site, rays, first, count, EVERY_RAY)
-    for k in range(count):
-        t = near.hit_t[k]
-        if near.hit[k] == LOST or (near.hit[k] >= 0 and t * site.r < world.reach):
-            values[base + k] = -_ONE if t <= 0 else _ZERO
+        o = first + ray_word(s)
+        start, px, py, pz = _leave(site, rays, o)
+        if t <= start:
+            continue
+        limit = (t - start) * site.r if t < FAR else FAR
+        dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
+        if world.cell is None:
+            if listed == ROOM:
+                hits_beyond(world, work, near, site, bundle, listed)
+                listed = 0
+            put(bundle, listed, k, start, px, py, pz, dx, dy, dz, limit, site.sphere, MISS)
+            listed += 1
         else:
-            values[base + k] = sky_along(world, site, rays, first + ray_word(k))
+            beyond, other, _, _, _, offset = follow(
+                world.cell, world, work, px, py, pz, HERE, dx, dy, dz, limit, site.sphere
+            )
+            _note_hit(world, near, site, k, start + beyond / site.r, other, offset)
+    return listed
+
+
+@kernel(inline=True, borrows=True)
+def within_reach(world, near, site, rays, first, count, hits, values, base):
+    """Sky radiance for rays that meet nothing within ``world.reach``, else 0; -1 for starts inside a neighbour. Their hits are known, from `hits` on."""
+    for s in range(count):
+        t, hit = near.hit_t[hits + s], near.hit[hits + s]
+        if hit == LOST or (hit >= 0 and t * site.r < world.reach):
+            values[base + s] = -_ONE if t <= 0 else _ZERO
+        else:
+            values[base + s] = sky_along(world, site, rays, first + ray_word(s))
+
+
+@kernel(inline=True, borrows=True)
+def _put_beyond(bundle, listed, who, worth, site, rays, o):
+    """Make ray `listed` of a bundle of one from where it leaves the near ball on, which anything may stop."""
+    _, px, py, pz = _leave(site, rays, o)
+    dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
+    x, y, z = px - site.x, py - site.y, pz - site.z
+    kind = ray_kind(x, y, z, max(site.reach, _ONE) * site.r, dx, dy, dz)
+    put(bundle, listed, who, worth, px, py, pz, dx, dy, dz, FAR, site.sphere, kind)
+
+
+@kernel(inline=True, borrows=True)
+def _shadowed_beyond(world, work, site, rays, o):
+    """Whether anything in a periodic cell stops a ray beyond the near ball."""
+    _, px, py, pz = _leave(site, rays, o)
+    dx, dy, dz = rays[o + 3 * LANES], rays[o + 4 * LANES], rays[o + 5 * LANES]
+    return shadowed(world.cell, world, work, px, py, pz, dx, dy, dz, FAR, site.sphere)
+
+
+@kernel(borrows=True)
+def _take_stopped(world, work, bundle, listed, open_):
+    """Of the rays that are open, take out those of a bundle that anything stops."""
+    if listed > 0:
+        trace_bundle(world.tree, work, bundle, listed, True)
+    for j in range(listed):
+        if meets(bundle, j):
+            k, _ = whose(bundle, j)
+            open_[k // LANES] &= ~(np.int64(1) << np.int64(k % LANES))
 
 
 @kernel(borrows=True, inner=True)
-def escaping(world, work, near, found, site, rays, first, count, values, base):
-    """Sky radiance for rays that nothing stops, else 0."""
+def pass_beyond(world, work, bundle, site, rays, open_):
+    """Of the rays of blocks that are open, bits in `open_` (blocks,), keep those that nothing beyond the near ball stops."""
+    listed = 0
+    for block in range(open_.shape[0]):
+        if listed + LANES > ROOM:
+            _take_stopped(world, work, bundle, listed, open_)
+            listed = 0
+        left = open_[block]
+        while left != 0:
+            lane = trailing_zeros(left)
+            left &= left - 1
+            o = block * RAY + lane
+            if world.cell is None:
+                _put_beyond(bundle, listed, block * LANES + lane, _ZERO, site, rays, o)
+                listed += 1
+            elif _shadowed_beyond(world, work, site, rays, o):
+                open_[block] &= ~(np.int64(1) << lane)
+    _take_stopped(world, work, bundle, listed, open_)
+
+
+@kernel(borrows=True, inner=True)
+def bring(world, work, bundle, listed, values):
+    """Add what those rays of a bundle are worth that nothing stops."""
+    if listed > 0:
+        trace_bundle(world.tree, work, bundle, listed, True)
+    for j in range(listed):
+        if not meets(bundle, j):
+            k, light = whose(bundle, j)
+            values[k] += light
+
+
+@kernel(inline=True, borrows=True)
+def _add_unless_stopped(world, work, bundle, listed, site, rays, o, values, k, light):
+    """Add the light that a ray brings if nothing beyond the near ball stops it, perhaps only when :func:`bring` is called."""
+    if world.cell is None:
+        _put_beyond(bundle, listed, k, light, site, rays, o)
+        return listed + 1
+    else:
+        if not _shadowed_beyond(world, work, site, rays, o):
+            values[k] += light
+        return listed
+
+
+@kernel(inline=True, borrows=True)
+def escaping(world, work, near, found, site, rays, first, count, values, base, bundle, listed):
+    """Sky radiance for rays that nothing stops, else 0; :func:`bring` adds what is not known yet.
+
+    `listed` rays are in the bundle already; returns how many then are.
+    """
     for block in range((count + LANES - 1) // LANES):
         o = first + block * RAY
         lanes = min(LANES, count - block * LANES)
         at = base + block * LANES
         values[at : at + lanes] = _ZERO
+        if listed + LANES > ROOM:
+            bring(world, work, bundle, listed, values)
+            listed = 0
         open_ = unblocked(near, found, rays, o, (1 << lanes) - 1)
         while open_ != 0:
             lane = trailing_zeros(open_)
             open_ &= open_ - 1
-            if not stopped(world, work, site, rays, o + lane):
-                values[at + lane] = sky_along(world, site, rays, o + lane)
+            light = sky_along(world, site, rays, o + lane)
+            listed = _add_unless_stopped(
+                world, work, bundle, listed, site, rays, o + lane, values, at + lane, light
+            )
+    return listed
 
 
 @kernel(borrows=True, inner=True)
-def add_sunlight(world, work, near, found, site, sun, rays, first, count, values, base):
-    """Add sun `sun`'s light to values that are not negative; rays point towards its disc."""
+def add_sunlight(world, work, near, found, site, sun, rays, first, count, values, base, bundle, listed):
+    """Add sun `sun`'s light to values that are not negative, see :func:`escaping`; rays point towards its disc."""
     for block in range((count + LANES - 1) // LANES):
         o = first + block * RAY
         at = base + block * LANES
@@ -256,24 +348,29 @@ def add_sunlight(world, work, near, found, site, sun, rays, first, count, values
                 open_ |= 1 << lane
         if open_ != 0:
             open_ = unblocked(near, found, rays, o, open_)
+        if listed + LANES > ROOM:
+            bring(world, work, bundle, listed, values)
+            listed = 0
         while open_ != 0:
             lane = trailing_zeros(open_)
             open_ &= open_ - 1
             q = o + lane
-            if stopped(world, work, site, rays, q):
-                continue
             _, _, _, px, py, pz = ray_start(site, rays, q)
             dx, dy, dz = rays[q + 3 * LANES], rays[q + 4 * LANES], rays[q + 5 * LANES]
             if not hidden_by_light(world.lights, px, py, pz, dx, dy, dz, FAR):
-                values[at + lane] += sun_luminance(world.lights, sun, rays[q + 6 * LANES])
+                light = sun_luminance(world.lights, sun, rays[q + 6 * LANES])
+                listed = _add_unless_stopped(
+                    world, work, bundle, listed, site, rays, q, values, at + lane, light
+                )
+    return listed
 
 
 @kernel(borrows=True, inner=True)
-def add_area_lights(world, work, site, table, chosen_set, block, count, values):
-    """Add area lights to those of `count` values from `block` on that are not negative."""
+def add_area_lights(world, work, site, table, chosen_set, values):
+    """Add area lights to those values that are not negative."""
     if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:
         return
-    for s in range(block * LANES, block * LANES + count):
+    for s in range(table.texel.shape[0]):
         if values[s] >= 0:
             state = path_key(world.seed, site.sphere, s, 1, PURPOSE_TEXEL)
             ax, ay, az, px, py, pz = ray_start(site, table.rays[chosen_set], ray_word(s))

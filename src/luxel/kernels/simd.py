@@ -17,8 +17,8 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, models, register_model
 
 __all__ = [
-    "FAR", "LANES", "any_lane", "bits", "fma", "fma_one", "fnma", "lane_max", "lane_min", "load", "mask_from_bits",
-    "popcount", "select", "splat", "splat_int", "store", "to_float", "to_int", "top_fraction", "trailing_zeros", "vabs", "vfloor", "vmax", "vmin", "vrint", "vsqrt",
+    "FAR", "LANES", "any_lane", "bits", "fma", "fma_one", "fnma", "lane_max", "lane_min", "lane_number", "load", "mask_from_bits",
+    "popcount", "select", "splat", "splat_int", "store", "to_float", "to_int", "top_fraction", "trailing_zeros", "vabs", "vfloor", "vmax", "vmin", "vrint", "vsqrt", "with_lane_numbers",
 ]  # fmt: skip
 
 LANES = 16
@@ -296,6 +296,29 @@ def mask_from_bits(typingctx, value):
         return builder.bitcast(builder.trunc(args[0], ir.IntType(LANES)), MASK.vector)
 
     return MASK(types.int64), emit
+
+
+@intrinsic
+def with_lane_numbers(typingctx, a):
+    """Positive floats whose last four bits tell their lanes: the least of them tells where it was, see `lane_number`."""
+
+    def emit(context, builder, sig, args):
+        words = builder.bitcast(args[0], I32.vector)
+        words = builder.and_(words, ir.Constant(I32.vector, [-LANES] * LANES))
+        return builder.bitcast(builder.or_(words, ir.Constant(I32.vector, list(range(LANES)))), F32.vector)
+
+    return F32(F32), emit
+
+
+@intrinsic
+def lane_number(typingctx, x):
+    """The lane that a number comes from, see `with_lane_numbers`."""
+
+    def emit(context, builder, sig, args):
+        word = builder.and_(builder.bitcast(args[0], _I32), ir.Constant(_I32, LANES - 1))
+        return builder.zext(word, _I64)
+
+    return types.int64(types.float32), emit
 
 
 @intrinsic

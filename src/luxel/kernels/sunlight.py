@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from luxel.kernels.bundle import Bundle, bundle_scratch
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import hidden_by_light, sun_luminance
 from luxel.kernels.memory import float_lines
 from luxel.kernels.near import RAY, Near, buried_starts, near_scratch, unblocked
-from luxel.kernels.rays import ray_start, set_of, stopped
+from luxel.kernels.rays import pass_beyond, ray_start, set_of
 from luxel.kernels.simd import (
     FAR,
     LANES,
@@ -61,17 +62,19 @@ class SunScratch(NamedTuple):
     """Working memory of one thread."""
 
     beam: Near
+    bundle: Bundle
     open_: np.ndarray  # (blocks,) int64: rays of each block that nothing near blocks
     seen: np.ndarray  # (blocks,) int64: rays whose start is not buried
     cosine: np.ndarray  # (16,) float32
 
 
 @kernel(inner=True)
-def sun_scratch(table):
+def sun_scratch(tree, table):
     """Allocate for the rays of a table."""
     blocks = table.texel.shape[0] // LANES
     return SunScratch(
         near_scratch(LANES),
+        bundle_scratch(tree),
         np.zeros(blocks, np.int64),
         np.zeros(blocks, np.int64),
         float_lines(LANES),
@@ -294,13 +297,7 @@ def _leave_beam(world, work, site, rays, table, s, scratch):
                 return
             low = high
             high = high * _LONGER if high < _LAST_PART else FAR
-    for block in range(table.texel.shape[0] // LANES):
-        left = scratch.open_[block]
-        while left != 0:
-            lane = trailing_zeros(left)
-            left &= left - 1
-            if stopped(world, work, site, rays, block * RAY + lane):
-                scratch.open_[block] &= ~(1 << lane)
+    pass_beyond(world, work, scratch.bundle, site, rays, scratch.open_)
 
 
 @kernel(borrows=True)

@@ -32,14 +32,15 @@ __all__ = [
     "CHILDREN",
     "IDS",
     "LEAF",
+    "MISS",
     "NODE",
     "Tree",
     "ask_for",
-    "blocked",
+    "find",
+    "meet_leaf",
     "occluded",
     "scratch",
     "trace",
-    "trace_rays",
 ]
 
 MISS = -1
@@ -50,7 +51,7 @@ LEAF, IDS = 5 * LANES, 4 * LANES
 _EXIT_TOLERANCE = np.float32(1e-8)  # (1e-4 radii)²
 _TINY = np.float32(1e-12)
 _FAR = np.float32(1e30)
-#: Kinds of rays that `blocked` tells apart.
+#: Kinds of rays, see ``bundle.put``.
 BLOCKERS = 512
 
 
@@ -98,7 +99,7 @@ def ask_for(nodes, spheres, link):
 
 
 @kernel(inline=True, borrows=True)
-def _meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip):
+def meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip):
     """Which spheres of the leaf at word `o` a ray meets, and where."""
     spheres, ids = tree.spheres, tree.ids
     zero = splat(np.float32(0))
@@ -123,12 +124,12 @@ def trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
     Sphere `skip` is left out: a ray leaving a convex surface never meets it again. With `any_hit`, the first
     sphere found will do and the distance means nothing.
     """
-    distance, hit = _find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit)
+    distance, hit = find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit)
     return distance, tree.ids[hit] if hit >= 0 else np.int32(MISS)
 
 
-@kernel(borrows=True)
-def _find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
+@kernel(borrows=True, inner=True)
+def find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
     """As `trace`, with the word that holds the particle's id instead of the id."""
     nodes, child, spheres = tree.nodes, tree.child, tree.spheres
     stack, near, lanes = work.node, work.near, work.lanes
@@ -180,7 +181,7 @@ def _find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
                 continue
         else:
             o = ~current * LEAF
-            hits, t = _meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip)
+            hits, t = meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip)
             if any_lane(hits):
                 if any_hit:
                     return np.float32(0), o + IDS + trailing_zeros(bits(hits))
@@ -200,31 +201,3 @@ def _find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
 def occluded(tree, work, ox, oy, oz, dx, dy, dz, limit, skip):
     """Whether any sphere but `skip` meets the ray before `limit`."""
     return trace(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, True)[1] >= 0
-
-
-@kernel(borrows=True)
-def blocked(tree, work, ox, oy, oz, dx, dy, dz, skip, kind):
-    """As `occluded`, for a ray of one of `BLOCKERS` kinds, however far.
-
-    If the last ray of its kind was blocked, then by a leaf that is looked at first: rays from about the same place in about the same direction
-    are often blocked by the same few spheres.
-    """
-    leaf = work.blockers[kind]
-    if leaf >= 0 and any_lane(_meet_leaf(tree, leaf, ox, oy, oz, dx, dy, dz, _FAR, skip)[0]):
-        return True
-    hit = _find(tree, work, ox, oy, oz, dx, dy, dz, _FAR, skip, True)[1]
-    work.blockers[kind] = hit // LEAF * LEAF if hit >= 0 else MISS
-    return hit >= 0
-
-
-@kernel
-def trace_rays(tree, origins, directions, limit, skip, any_hit, distance, ids):
-    """Trace (M, 3) rays; write distances (infinite for a miss) and particle ids (-1 for a miss)."""
-    work = scratch(tree.stack_size)
-    for k in range(origins.shape[0]):
-        t, i = trace(
-            tree, work, origins[k, 0], origins[k, 1], origins[k, 2], directions[k, 0], directions[k, 1],
-            directions[k, 2], limit[k], skip[k], any_hit,
-        )  # fmt: skip
-        distance[k] = t if i >= 0 else np.float32(np.inf)
-        ids[k] = i

@@ -10,6 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from luxel.kernels.bundle import (
+    ROOM,
+    Bundle,
+    bundle_scratch,
+    first_met,
+    line_of,
+    meets,
+    put,
+    trace_bundle,
+    whose,
+)
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
 from luxel.kernels.memory import float_lines, int_lines
@@ -35,7 +46,7 @@ from luxel.kernels.simd import (
     vmax,
     vsqrt,
 )
-from luxel.kernels.tree_trace import MISS, blocked, trace
+from luxel.kernels.tree_trace import MISS
 from luxel.kernels.warp import cone_directions, cosine_directions
 
 __all__ = ["Waves", "add_path", "follow_paths", "wave_scratch"]
@@ -66,15 +77,19 @@ class Waves(NamedTuple):
     exit: (
         np.ndarray
     )  # (16,) float32 distance in radii at which rays leave the near ball, negative if they start outside
-    next_point: np.ndarray  # (3 * 16,) float32 where rays meet something
-    next_sphere: np.ndarray  # (16,) int32 what
+    direct: np.ndarray  # (n,) float32 direct light at the point of a path
+    next_point: np.ndarray  # (3, n + 16) float32 where paths meet something
+    next_sphere: np.ndarray  # (n,) int32 what: a particle, MISS for the sky, or _BURIED
+    beyond: Bundle  # rays of paths that leave the near ball
+    shadow: Bundle  # those towards a sun
 
 
 _SELF = np.int32(-2)
+_BURIED = np.int32(-3)  # rounding can bury a point where spheres meet: its path ends without its light
 
 
 @kernel(inner=True)
-def wave_scratch(paths):
+def wave_scratch(tree, paths):
     """Allocate for at most `paths` paths."""
     return Waves(
         np.zeros(paths, np.int32), np.zeros(paths, np.int32), np.zeros((paths, 3), np.float32),
@@ -82,7 +97,8 @@ def wave_scratch(paths):
         np.zeros((paths, 3), np.float32), float_lines(3 * LANES), float_lines(3 * LANES),
         int_lines(LANES), float_lines(LANES), int_lines(LANES),
         float_lines(3 * LANES), float_lines(4 * LANES), float_lines(LANES),
-        float_lines(LANES), float_lines(3 * LANES), int_lines(LANES),
+        float_lines(LANES), np.zeros(paths, np.float32), np.zeros((3, paths + LANES), np.float32),
+        np.zeros(paths, np.int32), bundle_scratch(tree), bundle_scratch(tree),
     )  # fmt: skip
 
 
@@ -109,7 +125,7 @@ def _meet(ex, ey, ez, dx, dy, dz, radius):
     return b, fma(r, r, -p2)
 
 
-@kernel(borrows=True)
+@kernel(inline=True, borrows=True)
 def _nearest(near, known, self_, waves):
     """Nearest sphere of the near field, the particle itself among them, that each of sixteen rays meets."""
     zero, exit_ = splat(_ZERO), splat(EXIT)
@@ -142,7 +158,7 @@ def _nearest(near, known, self_, waves):
     store(waves.hit, 0, hit)
 
 
-@kernel(borrows=True)
+@kernel(inline=True, borrows=True)
 def _unblocked(near, known, self_, waves, open_):
     """Which of sixteen rays nothing in the near field blocks: a subset of the bits `open_`."""
     exit_ = splat(EXIT)
@@ -175,18 +191,34 @@ def _exits_of_ball(waves, reach):
 
 
 @kernel(borrows=True)
-def _follow_beyond(world, work, near, site, waves, lane):
-    """Follow a ray of the block that meets nothing within the near ball; returns (distance, sphere)."""
-    leave, t, hit = waves.exit[lane], waves.t[lane], waves.hit[lane]
-    before = max(leave, _ZERO) * site.r
-    limit = t * site.r - before if hit != -1 else FAR
-    dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
-    x, y, z = _point(waves, lane)
-    x, y, z = x + before * dx, y + before * dy, z + before * dz
-    beyond, found = trace(world.tree, work, x, y, z, dx, dy, dz, limit, waves.skip[lane], False)
-    if found >= 0 or hit == -1:
-        return before + beyond, found
-    return t * site.r, site.sphere if hit == _SELF else near.id[hit]
+def _meet_beyond(world, work, waves, listed):
+    """Find out what the rays of paths meet beyond the near ball, or else let in the sky."""
+    bundle = waves.beyond
+    if listed > 0:
+        trace_bundle(world.tree, work, bundle, listed, False)
+    for j in range(listed):
+        k, before = whose(bundle, j)
+        t, sphere = first_met(bundle, world.tree, j)
+        x, y, z, dx, dy, dz = line_of(bundle, j)
+        if sphere >= 0:
+            waves.next_sphere[k] = sphere if before + t > 0 else _BURIED
+            waves.next_point[0, k], waves.next_point[1, k] = x + t * dx, y + t * dy
+            waves.next_point[2, k] = z + t * dz
+        elif waves.next_sphere[k] == MISS:
+            x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
+            waves.light[k] += waves.weight[k] * escape_radiance(world.lights, x, y, z, dx, dy, dz)
+
+
+@kernel(borrows=True)
+def _reach_suns(world, work, waves, listed):
+    """Add the sunlight of rays that nothing blocks."""
+    bundle = waves.shadow
+    if listed > 0:
+        trace_bundle(world.tree, work, bundle, listed, True)
+    for j in range(listed):
+        if not meets(bundle, j):
+            k, light = whose(bundle, j)
+            waves.direct[k] += light
 
 
 @kernel(inline=True, borrows=True)
@@ -208,9 +240,9 @@ def _draw(waves, first):
     return uniforms(state)
 
 
-@kernel(borrows=True)
-def _sunlight(world, work, near, known, site, waves, first, alive, sun):
-    """Add the light of a sun at the points of those of sixteen paths that are `alive`."""
+@kernel(inline=True, borrows=True)
+def _aim_at_sun(world, work, near, known, site, waves, first, count, sun, listed):
+    """Send rays towards a sun from the points of a block of paths; returns how many wait for the tree."""
     s = world.lights.suns[sun]
     u, v = _draw(waves, first)
     dx, dy, dz = cone_directions(s[0], s[1], s[2], s[5], u, v)
@@ -221,10 +253,13 @@ def _sunlight(world, work, near, known, site, waves, first, alive, sun):
     cosine = fma(nx, dx, fma(ny, dy, nz * dz))
     store(waves.t, 0, cosine)
     zero = splat(_ZERO)
-    open_ = alive & bits(cosine > zero)
+    open_ = ((1 << count) - 1) & bits(cosine > zero)
     inside = open_ & bits(_exits_of_ball(waves, site.reach) >= zero)
     if inside != 0:
         open_ = (open_ & ~inside) | _unblocked(near, known, site.sphere, waves, inside)
+    if listed + LANES > ROOM:
+        _reach_suns(world, work, waves, listed)
+        listed = 0
     while open_ != 0:
         lane = trailing_zeros(open_)
         open_ &= open_ - 1
@@ -235,9 +270,10 @@ def _sunlight(world, work, near, known, site, waves, first, alive, sun):
         before = max(waves.exit[lane], _ZERO) * site.r
         x, y, z = x + before * dx, y + before * dy, z + before * dz
         kind = ray_kind(x - site.x, y - site.y, z - site.z, max(site.reach, _ONE) * site.r, dx, dy, dz)
-        if not blocked(world.tree, work, x, y, z, dx, dy, dz, waves.skip[lane], kind):
-            k = first + lane
-            waves.light[k] += waves.weight[k] * sun_luminance(world.lights, sun, waves.t[lane])
+        light = sun_luminance(world.lights, sun, waves.t[lane])
+        put(waves.shadow, listed, first + lane, light, x, y, z, dx, dy, dz, FAR, waves.skip[lane], kind)
+        listed += 1
+    return listed
 
 
 @kernel(inline=True, borrows=True)
@@ -248,7 +284,7 @@ def _move(waves, k, to):
         waves.point[to, c] = waves.point[k, c]
 
 
-@kernel(borrows=True)
+@kernel(inline=True, borrows=True)
 def _roulette(world, waves, count, bounce, values):
     """Let paths survive by their weight; return how many do."""
     alive = 0
@@ -266,7 +302,7 @@ def _roulette(world, waves, count, bounce, values):
     return alive
 
 
-@kernel(borrows=True)
+@kernel(inline=True, borrows=True)
 def _aim(world, site, waves, first, count):
     """Put sixteen paths on their spheres, and their next rays into the block."""
     center = waves.center
@@ -302,53 +338,77 @@ def _aim(world, site, waves, first, count):
     store(center, 2 * LANES, fma(r, nz, cz))
 
 
-@kernel(borrows=True)
-def _bounce(world, work, near, known, site, waves, first, count):
-    """One bounce of sixteen paths: their light at this point, and where they go; returns who goes on."""
-    next_point, next_sphere = waves.next_point, waves.next_sphere
+@kernel(inline=True, borrows=True)
+def _bounce(world, work, near, known, site, waves, first, count, listed):
+    """Send sixteen paths on: what they meet in the near field is known then; returns how many rays wait for the tree."""
     _aim(world, site, waves, first, count)
     _nearest(near, known, site.sphere, waves)
     t = load(waves.t, 0)
     here = (load(waves.hit, 0) != splat_int(np.int32(-1))) & (t <= _exits_of_ball(waves, site.reach))
     t = t * splat(site.r)
     for c in range(3):
-        store(next_point, c * LANES, fma(t, load(waves.direction, c * LANES), load(waves.center, c * LANES)))
-    all_lanes = (1 << count) - 1
-    far = all_lanes & ~bits(here)
-    alive = on = all_lanes & ~far & bits(t > splat(_ZERO))  # rounding can bury a point where spheres meet
+        at = fma(t, load(waves.direction, c * LANES), load(waves.center, c * LANES))
+        store(waves.next_point[c], first, at)
+    if listed + LANES > ROOM:
+        _meet_beyond(world, work, waves, listed)
+        listed = 0
+    far = ~bits(here)
     for lane in range(count):
-        hit = waves.hit[lane]
-        next_sphere[lane] = site.sphere if hit == _SELF else near.id[max(hit, 0)]
-    while far != 0:
-        lane = trailing_zeros(far)
-        far &= far - 1
-        k = first + lane
-        distance, sphere = _follow_beyond(world, work, near, site, waves, lane)
-        if sphere >= 0 and distance <= 0:
-            continue
-        alive |= 1 << lane
+        k, hit = first + lane, waves.hit[lane]
         x, y, z = _point(waves, lane)
-        dx, dy, dz = waves.direction[lane], waves.direction[LANES + lane], waves.direction[2 * LANES + lane]
-        if sphere == MISS:
-            waves.light[k] += waves.weight[k] * escape_radiance(world.lights, x, y, z, dx, dy, dz)
+        waves.point[k, 0], waves.point[k, 1], waves.point[k, 2] = x, y, z
+        waves.direct[k] = _ZERO
+        if hit == -1:
+            waves.next_sphere[k] = MISS
+        elif waves.t[lane] > 0:
+            waves.next_sphere[k] = site.sphere if hit == _SELF else near.id[hit]
         else:
-            on |= 1 << lane
-            next_sphere[lane] = sphere
-            next_point[lane], next_point[LANES + lane] = x + distance * dx, y + distance * dy
-            next_point[2 * LANES + lane] = z + distance * dz
-    for sun in range(world.lights.suns.shape[0]):
-        _sunlight(world, work, near, known, site, waves, first, alive, sun)
-    if world.lights.globes.shape[0] + world.lights.quads.shape[0] > 0:
-        for lane in range(count):
-            if alive >> lane & 1:
-                k = first + lane
-                x, y, z = _point(waves, lane)
-                nx, ny, nz = _normal(waves, lane)
-                light, waves.state[k] = area_light(
-                    world, work, True, x, y, z, HERE, nx, ny, nz, waves.skip[lane], waves.state[k]
-                )
-                waves.light[k] += waves.weight[k] * light
-    return on
+            waves.next_sphere[k] = _BURIED
+        if far >> lane & 1:
+            before = max(waves.exit[lane], _ZERO) * site.r
+            limit = waves.t[lane] * site.r - before if hit != -1 else FAR
+            dx, dy, dz = (
+                waves.direction[lane],
+                waves.direction[LANES + lane],
+                waves.direction[2 * LANES + lane],
+            )
+            x, y, z = x + before * dx, y + before * dy, z + before * dz
+            put(waves.beyond, listed, k, before, x, y, z, dx, dy, dz, limit, waves.skip[lane], MISS)
+            listed += 1
+    return listed
+
+
+@kernel(borrows=True)
+def _add_area_lights(world, work, waves, first, count):
+    if world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0:
+        return
+    for lane in range(count):
+        k = first + lane
+        x, y, z = _point(waves, lane)
+        nx, ny, nz = _normal(waves, lane)
+        light, waves.state[k] = area_light(
+            world, work, True, x, y, z, HERE, nx, ny, nz, waves.skip[lane], waves.state[k]
+        )
+        waves.direct[k] += light
+
+
+@kernel(inline=True, borrows=True)
+def _go_on(waves, count, values):
+    """Add the light at the points of paths, and move those that meet something there; returns how many do."""
+    alive = 0
+    for k in range(count):
+        sphere = waves.next_sphere[k]
+        if sphere != _BURIED:
+            waves.light[k] += waves.weight[k] * waves.direct[k]
+        if sphere < 0:
+            values[waves.ray[k]] += waves.light[k]
+            continue
+        _move(waves, k, alive)
+        waves.sphere[alive] = sphere
+        for c in range(3):
+            waves.point[alive, c] = waves.next_point[c, k]
+        alive += 1
+    return alive
 
 
 @kernel(borrows=True, inner=True)
@@ -360,25 +420,21 @@ def follow_paths(world, work, near, known, site, waves, count, values):
             x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
             values[waves.ray[k]] += path_tail(world, work, waves.sphere[k], x, y, z, offset, waves.state[k])
     else:
-        next_point, next_sphere = waves.next_point, waves.next_sphere
         for bounce in range(1, world.max_bounces + 1):
             count = _roulette(world, waves, count, bounce, values)
             if count == 0:
                 break
-            alive = 0
+            listed = in_shadow = 0
             for first in range(0, count, LANES):
                 lanes = min(LANES, count - first)
-                on = _bounce(world, work, near, known, site, waves, first, lanes)
-                for lane in range(lanes):
-                    k = first + lane
-                    if on >> lane & 1:
-                        _move(waves, k, alive)
-                        waves.sphere[alive] = next_sphere[lane]
-                        for c in range(3):
-                            waves.point[alive, c] = next_point[c * LANES + lane]
-                        alive += 1
-                    else:
-                        values[waves.ray[k]] += waves.light[k]
-            count = alive
+                listed = _bounce(world, work, near, known, site, waves, first, lanes, listed)
+                for sun in range(world.lights.suns.shape[0]):
+                    in_shadow = _aim_at_sun(
+                        world, work, near, known, site, waves, first, lanes, sun, in_shadow
+                    )
+                _add_area_lights(world, work, waves, first, lanes)
+            _meet_beyond(world, work, waves, listed)
+            _reach_suns(world, work, waves, in_shadow)
+            count = _go_on(waves, count, values)
         for k in range(count):
             values[waves.ray[k]] += waves.light[k]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels import tree_build, tree_trace
+from luxel.kernels import bundle, tree_build, tree_trace
 from luxel.kernels.memory import lines
 from luxel.kernels.simd import LANES
 from luxel.trace.spheres import SphereSet
@@ -120,7 +120,7 @@ class SphereTree:
         distance, ids = np.empty(count, np.float32), np.empty(count, np.int32)
 
         def run(part: slice) -> None:
-            tree_trace.trace_rays(
+            bundle.trace_rays(
                 self.arrays,
                 origins[part],
                 directions[part],
