@@ -195,12 +195,13 @@ def test_bundles_meet_what_rays_alone_meet(count, size):
     trace_alone(tree.arrays, origins, directions, limit, skip, distance, ids)
     nobody = np.full(len(skip), -1)
     t, found = in_bundles(tree, origins, directions, limit, skip, nobody, False, size)
-    np.testing.assert_array_equal(t, distance)
-    np.testing.assert_array_equal(found >= 0, ids >= 0)
-    # A ray may start inside of several spheres.
-    np.testing.assert_array_equal(found[t > 0], ids[t > 0])
-    blocked = in_bundles(tree, origins, directions, limit, skip, nobody, True, size)[1]
-    np.testing.assert_array_equal(blocked >= 0, ids >= 0)
+    np.testing.assert_allclose(t, distance, rtol=1e-5)
+    # A ray may start inside of several spheres, and meet two within rounding.
+    assert (found != ids)[distance > 0].mean() <= 1e-3
+    kinds = np.random.default_rng(5).integers(-1, 8, len(skip))
+    for kind in (nobody, kinds):
+        blocked = in_bundles(tree, origins, directions, limit, skip, kind, True, size)[1]
+        assert ((blocked >= 0) != (ids >= 0)).mean() <= 1e-3
     assert count < 700 or 0.02 < (ids >= 0).mean() < 1
 
 

@@ -42,8 +42,10 @@ ROOM = 128
 _CREW, _FEW = 4, 12  # so many under way at once; fewer than those go one by one
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _TINY = np.float32(1e-12)
+# Instead of 0, whose bits with a lane's number among them would be a denormal: a thread that flushes those would lose it.
+_HERE = np.float32(1e-30)
 # Words of a ray: origin, direction, limit, and in the end the distance; what it is worth. Its integers: whom it leaves, its kind, in the end
-# what it meets, and whose it is.
+# what it meets, sixteen to a leaf, and whose it is.
 _RAY, _LIMIT, _WORTH = 8, 6, 7
 _WORDS, _SKIP, _KIND, _MET, _WHO = 4, 0, 1, 2, 3
 # Words of a ray under way: reciprocal direction, origin times that, negative; then those of a ray. Its integers: words of the near sides of a
@@ -102,8 +104,9 @@ def line_of(bundle, k):
 @kernel(inline=True, borrows=True)
 def first_met(bundle, tree, k):
     """Distance and particle that ray k has met; its limit and MISS for none."""
-    met = bundle.whole[k * _WORDS + _MET]
-    return bundle.real[k * _RAY + _LIMIT], tree.ids[met] if met >= 0 else np.int32(MISS)
+    met = np.int64(bundle.whole[k * _WORDS + _MET])
+    particle = tree.ids[met // LANES * LEAF + IDS + met % LANES] if met >= 0 else np.int32(MISS)
+    return bundle.real[k * _RAY + _LIMIT], particle
 
 
 @kernel(inline=True, borrows=True)
@@ -126,7 +129,7 @@ def _met_again(tree, blockers, bundle, k, any_hit):
     limit = bundle.real[k * _RAY + _LIMIT]
     if not any_lane(meet_leaf(tree, leaf, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])[0]):
         return False
-    whole[w + _MET] = leaf + IDS
+    whole[w + _MET] = leaf // LEAF * LANES
     return True
 
 
@@ -136,7 +139,7 @@ def _note(blockers, bundle, k, limit, hit, any_hit):
     whole, w = bundle.whole, k * _WORDS
     bundle.real[k * _RAY + _LIMIT], whole[w + _MET] = limit, hit
     if any_hit and whole[w + _KIND] >= 0:
-        blockers[whole[w + _KIND]] = hit // LEAF * LEAF if hit >= 0 else MISS
+        blockers[whole[w + _KIND]] = hit // LANES * LEAF if hit >= 0 else MISS
 
 
 @kernel(borrows=True)
@@ -155,8 +158,11 @@ def _begin(tree, blockers, bundle, m, waiting, count, any_hit, frames):
         iz = _ONE / (dz if abs(dz) > _TINY else _TINY)
         real[a], real[a + 1], real[a + 2] = ix, iy, iz
         real[a + 3], real[a + 4], real[a + 5] = -x * ix, -y * iy, -z * iz
-        for c in range(_WORTH):
+        for c in range(_LIMIT):
             real[a + _ORIGIN + c] = real[k * _RAY + c]
+        real[a + _ORIGIN + _LIMIT] = min(
+            real[k * _RAY + _LIMIT], FAR
+        )  # nothing is farther than no child at all
         whole[b] = 0 if ix >= 0 else 3 * LANES
         whole[b + 1] = LANES if iy >= 0 else 4 * LANES
         whole[b + 2] = 2 * LANES if iz >= 0 else 5 * LANES
@@ -180,7 +186,7 @@ def _step(tree, bundle, m, skip, any_hit, floor):
         o = now * NODE
         enter = vmax(
             vmax(fma(load(nodes, o + x), ix, ox), fma(load(nodes, o + y), iy, oy)),
-            vmax(fma(load(nodes, o + z), iz, oz), splat(_ZERO)),
+            vmax(fma(load(nodes, o + z), iz, oz), splat(_HERE)),
         )
         far_x, far_y, far_z = o + 3 * LANES - x, o + 5 * LANES - y, o + 7 * LANES - z
         leave = vmin(
@@ -188,6 +194,7 @@ def _step(tree, bundle, m, skip, any_hit, floor):
             vmin(fma(load(nodes, far_z), iz, oz), splat(limit)),
         )
         entered = bits(enter <= leave)
+        # Distances that tell their lanes err by fifteen units in the last place: no more than boxes do by rounding.
         store(real, _FRAMES + height * LANES, with_lane_numbers(enter))
         whole[_LINKS + 2 * height], whole[_LINKS + 2 * height + 1] = entered, o + CHILDREN
         height += entered != 0
@@ -200,7 +207,7 @@ def _step(tree, bundle, m, skip, any_hit, floor):
             t = select(hits, vmax(t, splat(_ZERO)), splat(FAR))
             limit = lane_min(t)
             real[q + _LIMIT] = limit
-            whole[b + _HIT] = o + IDS + trailing_zeros(bits(t <= limit))
+            whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(t <= limit))
             if any_hit:
                 return True
     while height > floor:
@@ -250,7 +257,8 @@ def trace_bundle(tree, work, bundle, count, any_hit):
             if not _met_again(tree, blockers, bundle, k, any_hit):
                 x, y, z, dx, dy, dz = line_of(bundle, k)
                 limit, skip = bundle.real[k * _RAY + _LIMIT], bundle.whole[k * _WORDS + _SKIP]
-                limit, hit = find(tree, work, x, y, z, dx, dy, dz, limit, skip, any_hit)
+                limit, word = find(tree, work, x, y, z, dx, dy, dz, limit, skip, any_hit)
+                hit = word // LEAF * LANES + word % LEAF - IDS if word >= 0 else MISS
                 _note(blockers, bundle, k, limit, hit, any_hit)
         return
     frames = tree.stack_size // (LANES - 1) + 1
