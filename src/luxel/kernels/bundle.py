@@ -160,9 +160,8 @@ def _begin(tree, blockers, bundle, m, waiting, count, any_hit, frames):
         real[a + 3], real[a + 4], real[a + 5] = -x * ix, -y * iy, -z * iz
         for c in range(_LIMIT):
             real[a + _ORIGIN + c] = real[k * _RAY + c]
-        real[a + _ORIGIN + _LIMIT] = min(
-            real[k * _RAY + _LIMIT], FAR
-        )  # nothing is farther than no child at all
+        # Nothing is farther than no child at all.
+        real[a + _ORIGIN + _LIMIT] = min(real[k * _RAY + _LIMIT], FAR)
         whole[b] = 0 if ix >= 0 else 3 * LANES
         whole[b + 1] = LANES if iy >= 0 else 4 * LANES
         whole[b + 2] = 2 * LANES if iz >= 0 else 5 * LANES

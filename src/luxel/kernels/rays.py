@@ -175,8 +175,7 @@ def _note_hit(world, near, site, k, t, particle, offset):
 @kernel(borrows=True, inner=True)
 def hits_beyond(world, work, near, site, bundle, listed):
     """Find out what those rays meet beyond the near ball that :func:`first_hits` has put into the bundle."""
-    if listed > 0:
-        trace_bundle(world.tree, work, bundle, listed, False)
+    trace_bundle(world.tree, work, bundle, listed, False)
     for j in range(listed):
         s, particle = first_met(bundle, world.tree, j)
         k, start = whose(bundle, j)
@@ -259,8 +258,7 @@ def _shadowed_beyond(world, work, site, rays, o):
 @kernel(borrows=True)
 def _take_stopped(world, work, bundle, listed, open_):
     """Of the rays that are open, take out those of a bundle that anything stops."""
-    if listed > 0:
-        trace_bundle(world.tree, work, bundle, listed, True)
+    trace_bundle(world.tree, work, bundle, listed, True)
     for j in range(listed):
         if meets(bundle, j):
             k, _ = whose(bundle, j)
@@ -291,8 +289,7 @@ def pass_beyond(world, work, bundle, site, rays, open_):
 @kernel(borrows=True, inner=True)
 def bring(world, work, bundle, listed, values):
     """Add what those rays of a bundle are worth that nothing stops."""
-    if listed > 0:
-        trace_bundle(world.tree, work, bundle, listed, True)
+    trace_bundle(world.tree, work, bundle, listed, True)
     for j in range(listed):
         if not meets(bundle, j):
             k, light = whose(bundle, j)

@@ -16,7 +16,6 @@ from luxel.kernels.bundle import (
     bundle_scratch,
     first_met,
     line_of,
-    meets,
     put,
     trace_bundle,
     whose,
@@ -27,7 +26,7 @@ from luxel.kernels.memory import float_lines, int_lines
 from luxel.kernels.near import EXIT, GIANT, passes_by
 from luxel.kernels.path import path_tail, survival
 from luxel.kernels.periodic import HERE
-from luxel.kernels.rays import ray_kind
+from luxel.kernels.rays import bring, ray_kind
 from luxel.kernels.rng import next_state, uniforms
 from luxel.kernels.simd import (
     FAR,
@@ -194,8 +193,7 @@ def _exits_of_ball(waves, reach):
 def _meet_beyond(world, work, waves, listed):
     """Find out what the rays of paths meet beyond the near ball, or else let in the sky."""
     bundle = waves.beyond
-    if listed > 0:
-        trace_bundle(world.tree, work, bundle, listed, False)
+    trace_bundle(world.tree, work, bundle, listed, False)
     for j in range(listed):
         k, before = whose(bundle, j)
         t, sphere = first_met(bundle, world.tree, j)
@@ -207,18 +205,6 @@ def _meet_beyond(world, work, waves, listed):
         elif waves.next_sphere[k] == MISS:
             x, y, z = waves.point[k, 0], waves.point[k, 1], waves.point[k, 2]
             waves.light[k] += waves.weight[k] * escape_radiance(world.lights, x, y, z, dx, dy, dz)
-
-
-@kernel(borrows=True)
-def _reach_suns(world, work, waves, listed):
-    """Add the sunlight of rays that nothing blocks."""
-    bundle = waves.shadow
-    if listed > 0:
-        trace_bundle(world.tree, work, bundle, listed, True)
-    for j in range(listed):
-        if not meets(bundle, j):
-            k, light = whose(bundle, j)
-            waves.direct[k] += light
 
 
 @kernel(inline=True, borrows=True)
@@ -258,7 +244,7 @@ def _aim_at_sun(world, work, near, known, site, waves, first, count, sun, listed
     if inside != 0:
         open_ = (open_ & ~inside) | _unblocked(near, known, site.sphere, waves, inside)
     if listed + LANES > ROOM:
-        _reach_suns(world, work, waves, listed)
+        bring(world, work, waves.shadow, listed, waves.direct)
         listed = 0
     while open_ != 0:
         lane = trailing_zeros(open_)
@@ -434,7 +420,7 @@ def follow_paths(world, work, near, known, site, waves, count, values):
                     )
                 _add_area_lights(world, work, waves, first, lanes)
             _meet_beyond(world, work, waves, listed)
-            _reach_suns(world, work, waves, in_shadow)
+            bring(world, work, waves.shadow, in_shadow, waves.direct)
             count = _go_on(waves, count, values)
         for k in range(count):
             values[waves.ray[k]] += waves.light[k]
