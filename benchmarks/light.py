@@ -46,7 +46,7 @@ class Effort:
 
 
 _QUICK = Effort(
-    rounds=3, ao_count=96, path_count=32, truth_count=16, truth_samples=400, truth_lights=("sky+sun",), timed_count=24,
+    rounds=3, ao_count=128, path_count=64, truth_count=16, truth_samples=400, truth_lights=("sky+sun",), timed_count=48,
     fast_samples=(1, 2, 4), side=512, picture_side=112, pixel_samples=36, patience_s=10.0,
     sizes=(10_000, 100_000, 1_000_000), scaling_textures=256, packed_count=20_000, packed_textures=96,
 )  # fmt: skip

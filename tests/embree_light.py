@@ -25,7 +25,6 @@ _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _LIFT = np.float32(1e-4)  # of a radius
 _PATIENCE, _SURVIVAL = 16, np.float32(0.95)  # of the roulette, as in kernels.path
 _NONE = np.uint32(0xFFFFFFFF)
-_BATCH = 32
 
 
 @kernel
@@ -164,8 +163,9 @@ class EmbreeBaker:
         exposed = np.empty(total.shape, np.uint32)
         grid = round(samples**0.5)
 
+        # Particle by particle: larger batches of a few dozen particles leave threads idle at the end.
         def part(start: int) -> int:
-            stop = start + _BATCH
+            stop = start + 1
             return int(
                 sample_texels(
                     self._embree.handle,
@@ -178,5 +178,5 @@ class EmbreeBaker:
             )
 
         with ThreadPoolExecutor(self._threads) as pool:
-            rays = sum(pool.map(part, range(0, len(ids), _BATCH)))
+            rays = sum(pool.map(part, range(len(ids))))
         return total, exposed, rays

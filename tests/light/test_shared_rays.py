@@ -13,6 +13,7 @@ from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import FAR, LANES
 from luxel.kernels.tree_trace import scratch, trace
 from luxel.kernels.waves import add_path, follow_paths, wave_scratch
+from luxel.light.mapping import texel_solid_angles
 from luxel.light.ray_sets import make_ray_table, make_sun_table
 from luxel.light.sampling import RaySets, draw_rays
 from luxel.light.world import make_world
@@ -134,9 +135,31 @@ def test_paths_that_bounce_together_are_those_that_bounce_alone(name, lights, bo
 
 
 @pytest.mark.parametrize("samples", [1, 2, 3, 6, 9])
-def test_every_texel_has_as_many_rays_as_asked_for(samples):
-    table = make_ray_table("latlong", (8, 8), samples, sets=2)
+@pytest.mark.parametrize("mapping", ["latlong", "octahedral"])
+def test_every_texel_has_as_many_rays_as_asked_for(mapping, samples):
+    table = make_ray_table(mapping, (8, 8), samples, sets=2, every_cell=True)
     assert np.bincount(table.texel[table.texel >= 0], minlength=64).tolist() == [samples] * 64
+    if mapping == "octahedral":  # all of one size
+        assert np.array_equal(make_ray_table(mapping, (8, 8), samples, sets=2).texel, table.texel)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 6, 9])
+@pytest.mark.parametrize("texels", [8, 16])
+def test_small_texels_near_poles_have_fewer_rays_but_no_part_of_the_sphere_fewer_than_the_equator(
+    texels, samples
+):
+    table = make_ray_table("latlong", (texels, texels), samples, sets=2)
+    counts = np.bincount(table.texel[table.texel >= 0], minlength=texels**2).reshape(texels, texels)
+    middle = counts[texels // 2 - 1 : texels // 2 + 1]
+    assert (middle == samples).all()
+    assert counts.max() == samples
+    density = counts.sum(axis=1) / texel_solid_angles("latlong", texels)[:, 0]
+    density /= density[texels // 2]
+    rows = next(rows for rows in range(int(samples**0.5), 0, -1) if samples % rows == 0)  # of a texel's cells
+    rounding = rows / (texels * samples * np.sin((np.arange(texels) + 0.5) * np.pi / texels))
+    assert (density >= 0.97 - rounding).all()
+    assert (density <= 1.53 + rounding).all()
+    assert counts.sum() < 0.88 * samples * texels**2
 
 
 def test_roulette_that_spares_paths_changes_no_mean():

@@ -30,10 +30,10 @@ class _Pad(NamedTuple):
     waves: Waves
     suns: SunScratch
     values: np.ndarray  # (rays,) float32
-    every: np.ndarray  # (cells,) uint8, ones
-    light: np.ndarray  # (cells,) float32
+    every: np.ndarray  # (texels,) uint8, ones
+    light: np.ndarray  # (texels,) float32
     light2: np.ndarray
-    seen: np.ndarray  # (cells,) uint32
+    seen: np.ndarray  # (texels,) uint32
     book: BookScratch
 
 
@@ -51,8 +51,8 @@ def _sees_light(world, work, pad, known, site, sun_table):
     seen[:] = 0
     sunlight(world, work, pad.near, known, site, sun_table, pad.every, pad.suns, light, light2, seen)
     # Not `light.max()`: kernels without reference counts cannot compile it, unless another has before them.
-    for cell in range(light.shape[0]):  # noqa: SIM110
-        if light[cell] > 0:
+    for texel in range(light.shape[0]):  # noqa: SIM110
+        if light[texel] > 0:
             return True
     return False
 
@@ -88,17 +88,17 @@ def _levels(world, work, book, pad, table, sun_table, ids, levels):
 
 
 @kernel
-def dim_levels(world, book, table, sun_table, ids, levels):
-    """Mean luminance of particles whose record is black and from which no ray of the tables finds a light.
+def dim_levels(world, book, table, sun_table, texels, ids, levels):
+    """Mean luminance of particles whose record is black and from which no ray of the tables, of so many texels, finds a light.
 
     It is what the rays find in the records of the particles that they meet; `LIT` for all other particles. Makes what
     it needs of the records that are missing. Unshadowed light has no use for records: there all are `LIT`.
     """
     work = scratch(world.tree.stack_size)
-    rays, cells = table.texel.shape[0], sun_table.texel.shape[0]
+    rays = table.texel.shape[0]
     pad = _Pad(
         near_scratch(rays), wave_scratch(world.tree, rays), sun_scratch(world.tree, sun_table),
-        np.zeros(rays, np.float32), np.ones(cells, np.uint8), np.zeros(cells, np.float32),
-        np.zeros(cells, np.float32), np.zeros(cells, np.uint32), book_scratch(world.tree, book),
+        np.zeros(rays, np.float32), np.ones(texels, np.uint8), np.zeros(texels, np.float32),
+        np.zeros(texels, np.float32), np.zeros(texels, np.uint32), book_scratch(world.tree, book),
     )  # fmt: skip
     _levels(world, work, book, pad, table, sun_table, ids, levels)

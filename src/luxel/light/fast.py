@@ -88,7 +88,7 @@ class FastLight:
         self._mapping, self._texels, self._samples = mapping, texels, samples
         self._lock = threading.Lock()
         self._making = threading.Lock()
-        self._sets: dict[tuple[int, int, int], RaySets] = {}
+        self._sets: dict[tuple[int, int, int, bool], RaySets] = {}
         self._book = RecordBook(world) if book is None else book
         self._filters: dict[bool, TextureFilter] = {}  # of pictures, and of bakes that are kept
         # Unit vector to who looked at what the filter of pictures has learnt from, see `_directions`; eyes that it suits.
@@ -150,7 +150,7 @@ class FastLight:
         is in sight is more alike than all particles are.
         """
         learned = self._learned(1, gaze)
-        levels = self._book.dim_levels(ids, self._ray_sets(1, _DRAWN, sun_samples=1))
+        levels = self._book.dim_levels(ids, self._ray_sets(1, _DRAWN, sun_samples=1, every_cell=True))
         dim = (levels >= 0) & (levels < _DIM * self._scale)
         if not dim.any():
             return learned.apply(self._draw(ids, self._samples, _DRAWN, gaze=gaze))
@@ -184,7 +184,7 @@ class FastLight:
         if self._by_paths:
             # unshadowed: next to no noise, so any square number will do
             return Drawn(draw_paths(world, self._mapping, self._texels, math.isqrt(samples) ** 2, ids), None)
-        sets = self._ray_sets(samples, drawing)
+        sets = self._ray_sets(samples, drawing, every_cell=drawing != _DRAWN)
         if gaze is None:
             return draw_rays(world, sets, ids)
         drawn = draw_rays(world, sets, ids, texels_looked_at(world, self._mapping, self._texels, ids, gaze))
@@ -198,11 +198,13 @@ class FastLight:
         """Whether samples are drawn as in ``paper`` mode: unshadowed light knows no rays to share."""
         return self._world.model == LAMBERTIAN
 
-    def _ray_sets(self, samples: int, drawing: int, sun_samples: int | None = None) -> RaySets:
+    def _ray_sets(
+        self, samples: int, drawing: int, *, sun_samples: int | None = None, every_cell: bool = False
+    ) -> RaySets:
         if sun_samples is None:
             known = 1 if drawing else samples  # training has textures enough to average over
             sun_samples = next(many for least, many in _SUN_SAMPLES if known >= least)
-        key = (samples, drawing, sun_samples)
+        key = (samples, drawing, sun_samples, every_cell)
         with self._making:  # all threads ask for the same sets at once, and making them is slow
             if key not in self._sets:
                 self._sets[key] = RaySets.make(
@@ -213,6 +215,7 @@ class FastLight:
                     sun_samples=sun_samples,
                     seed=self._seed + drawing,
                     sets=_TRAINING_SETS if drawing else None,
+                    every_cell=every_cell,
                 )
             return self._sets[key]
 

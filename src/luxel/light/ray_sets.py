@@ -3,7 +3,8 @@
 A set covers a particle's surface, cell by cell of its texels along a Morton curve, and gives the k-th cell the k-th
 point of a scrambled Sobol sequence as direction: any run of cells, a patch of the sphere, has directions that are spread
 evenly (after Ahmed and Wonka 2020, "Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical
-ordering of pixels"). Particles take turns among many sets, so that neighbours do not err alike.
+ordering of pixels"). Particles take turns among many sets, so that neighbours do not err alike. Small texels are not
+worth as many samples as others: near the poles of a latitude-longitude map, many of their cells have no ray.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ Float = NDArray[np.float64]
 _TABLE_BYTES = 4 << 20  # all sets together stay in the last-level cache
 _FEWEST_SETS, _MOST_SETS = 16, 64
 _PATCH_RAYS = 32
+_GOLDEN = (math.sqrt(5) - 1) / 2
+# No part of the sphere has more than so many times the samples that the equator has: three quarters of the rays for 1 to 4 % more error, where fewer everywhere
+# would cost 5 %.
+_DENSEST = 1.5
 
 
 @lru_cache(maxsize=8)
@@ -57,13 +62,19 @@ def texel_middles(rows: int, columns: int) -> Float:
 
 
 def make_ray_table(
-    mapping: Mapping, shape: tuple[int, int], samples: int, *, seed: int = 0, sets: int | None = None
+    mapping: Mapping,
+    shape: tuple[int, int],
+    samples: int,
+    *,
+    seed: int = 0,
+    sets: int | None = None,
+    every_cell: bool = False,
 ) -> RayTable:
-    """Make ray sets with `samples` starts a texel and directions about the normal, cosine-weighted.
+    """Make ray sets with `samples` starts a texel, fewer near poles unless `every_cell`, and directions about the normal, cosine-weighted.
 
     `shape` is rows and columns of the map; `sets` defaults to as many as fit a cache.
     """
-    layout = _Layout(mapping, shape, samples)
+    layout = _Layout(mapping, shape, samples, math.inf if every_cell else _DENSEST)
     sets = sets or int(np.clip(_TABLE_BYTES // layout.set_bytes, _FEWEST_SETS, _MOST_SETS))
     rays = lines((sets, layout.blocks * RAY))
     starts = np.empty((sets, layout.blocks * LANES, 3))
@@ -83,7 +94,7 @@ def make_ray_table(
 def make_sun_table(
     mapping: Mapping, shape: tuple[int, int], samples: int, suns: NDArray[np.float32], *, seed: int = 0
 ) -> SunTable:
-    """As :func:`make_ray_table`, directions towards the disc of each sun; `suns` is (S, 6) as in ``kernels.light.Lights``."""
+    """As :func:`make_ray_table` with every cell, directions towards the disc of each sun; `suns` is (S, 6) as in ``kernels.light.Lights``."""
     layout = _Layout(mapping, shape, samples)
     rays = lines((len(suns), _FEWEST_SETS, layout.blocks * RAY))
     starts = np.zeros((_FEWEST_SETS, layout.blocks * LANES, 3))
@@ -100,10 +111,17 @@ def make_sun_table(
 class _Layout:
     """Where the starts of a set lie, and in which order."""
 
-    def __init__(self, mapping: Mapping, shape: tuple[int, int], samples: int) -> None:
+    def __init__(
+        self, mapping: Mapping, shape: tuple[int, int], samples: int, densest: float = math.inf
+    ) -> None:
         self._mapping, self._shape = mapping, shape
         self._grid = _grid(samples)
-        self._row, self._column = _morton_cells(shape, self._grid)
+        row, column = _morton_cells(shape, self._grid)
+        if mapping == "latlong":
+            size = np.sin((row // self._grid[0] + 0.5) * np.pi / shape[0])
+            kept = _spread(row, column, densest * size)
+            row, column = row[kept], column[kept]
+        self._row, self._column = row, column
         count = len(self._row)
         self.blocks = -(-count // LANES)
         self.index = np.arange(self.blocks * LANES)
@@ -168,6 +186,14 @@ def _morton_cells(
     outer = _interleave(row // grid[0], column // grid[1])
     order = np.lexsort((inner, outer))
     return row[order], column[order]
+
+
+def _spread(row: NDArray[np.int64], column: NDArray[np.int64], share: Float) -> NDArray[np.bool_]:
+    """Choose such a share of the cells of each row, spread evenly, and not below one another."""
+    part = np.minimum(share, 1.0)
+    shift = row * _GOLDEN % 1.0
+    chosen: NDArray[np.bool_] = np.floor((column + 1) * part + shift) > np.floor(column * part + shift)
+    return chosen
 
 
 def _interleave(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -25,7 +25,8 @@ class RecordBook:
 
     def __init__(self, world: World) -> None:
         suns = world.lights.suns
-        sets = RaySets.make("latlong", (_ROWS, _COLUMNS), 1, suns, sun_samples=1, sets=_SETS)
+        shape = _ROWS, _COLUMNS
+        sets = RaySets.make("latlong", shape, 1, suns, sun_samples=1, sets=_SETS, every_cell=True)
         basis = np.concatenate([np.ones((_ROWS * _COLUMNS, 1)), texel_middles(_ROWS, _COLUMNS)], axis=1)
         records = np.full((len(world.radii), RECORD), np.nan, np.float32)
         self._world = world
@@ -42,5 +43,6 @@ class RecordBook:
         Which these are, and what the particles around them show, is asked with the rays of `sets`.
         """
         levels = np.empty(len(ids), np.float32)
-        dim_levels(self._world, self._book, sets.around, sets.suns, ids, levels)
+        texels = sets.shape[0] * sets.shape[1]
+        dim_levels(self._world, self._book, sets.around, sets.suns, texels, ids, levels)
         return levels

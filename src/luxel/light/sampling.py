@@ -56,10 +56,11 @@ class RaySets(NamedTuple):
         sun_samples: int,
         seed: int = 0,
         sets: int | None = None,
+        every_cell: bool = False,
     ) -> RaySets:
-        """Make ray sets with so many samples a texel, see ``light.ray_sets``."""
+        """Make ray sets with so many samples a texel; but for sunlight fewer near poles, unless `every_cell`; see ``light.ray_sets``."""
         return cls(
-            make_ray_table(mapping, shape, samples, seed=seed, sets=sets),
+            make_ray_table(mapping, shape, samples, seed=seed, sets=sets, every_cell=every_cell),
             make_sun_table(mapping, shape, sun_samples if len(suns) else 1, suns, seed=seed),
             shape,
         )
