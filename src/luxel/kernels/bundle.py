@@ -31,7 +31,7 @@ from luxel.kernels.simd import (
     vmin,
     with_lane_numbers,
 )
-from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, MISS, NODE, find, meet_leaf, scratch
+from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, MISS, NODE, block_leaf, find, meet_leaf, scratch
 
 __all__ = [
     "ROOM", "Bundle", "bundle_scratch", "first_met", "line_of", "meets", "put", "trace_bundle", "trace_rays", "whose",
@@ -127,7 +127,7 @@ def _met_again(tree, blockers, bundle, k, any_hit):
         return False
     x, y, z, dx, dy, dz = line_of(bundle, k)
     limit = bundle.real[k * _RAY + _LIMIT]
-    if not any_lane(meet_leaf(tree, leaf, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])[0]):
+    if not any_lane(block_leaf(tree, leaf, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])):
         return False
     whole[w + _MET] = leaf // LEAF * LANES
     return True
@@ -179,15 +179,15 @@ def _step(tree, bundle, m, skip, any_hit, floor):
     q = a + _ORIGIN
     now, height, limit = np.int64(whole[b + _NEXT]), np.int64(whole[b + _HEIGHT]), real[q + _LIMIT]
     if now >= 0:
-        x, y, z = np.int64(whole[b]), np.int64(whole[b + 1]), np.int64(whole[b + 2])
+        near_x, near_y, near_z = np.int64(whole[b]), np.int64(whole[b + 1]), np.int64(whole[b + 2])
         ix, iy, iz = splat(real[a]), splat(real[a + 1]), splat(real[a + 2])
         ox, oy, oz = splat(real[a + 3]), splat(real[a + 4]), splat(real[a + 5])
         o = now * NODE
         enter = vmax(
-            vmax(fma(load(nodes, o + x), ix, ox), fma(load(nodes, o + y), iy, oy)),
-            vmax(fma(load(nodes, o + z), iz, oz), splat(_HERE)),
+            vmax(fma(load(nodes, o + near_x), ix, ox), fma(load(nodes, o + near_y), iy, oy)),
+            vmax(fma(load(nodes, o + near_z), iz, oz), splat(_HERE)),
         )
-        far_x, far_y, far_z = o + 3 * LANES - x, o + 5 * LANES - y, o + 7 * LANES - z
+        far_x, far_y, far_z = o + 3 * LANES - near_x, o + 5 * LANES - near_y, o + 7 * LANES - near_z
         leave = vmin(
             vmin(fma(load(nodes, far_x), ix, ox), fma(load(nodes, far_y), iy, oy)),
             vmin(fma(load(nodes, far_z), iz, oz), splat(limit)),
@@ -199,16 +199,19 @@ def _step(tree, bundle, m, skip, any_hit, floor):
         height += entered != 0
     else:
         o = ~now * LEAF
-        hits, t = meet_leaf(
-            tree, o, real[q], real[q + 1], real[q + 2], real[q + 3], real[q + 4], real[q + 5], limit, skip
-        )
-        if any_lane(hits):
-            t = select(hits, vmax(t, splat(_ZERO)), splat(FAR))
-            limit = lane_min(t)
-            real[q + _LIMIT] = limit
-            whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(t <= limit))
-            if any_hit:
+        x, y, z, dx, dy, dz = real[q], real[q + 1], real[q + 2], real[q + 3], real[q + 4], real[q + 5]
+        if any_hit:
+            hits = block_leaf(tree, o, x, y, z, dx, dy, dz, limit, skip)
+            if any_lane(hits):
+                whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(hits))
                 return True
+        else:
+            hits, t = meet_leaf(tree, o, x, y, z, dx, dy, dz, limit, skip)
+            if any_lane(hits):
+                t = select(hits, vmax(t, splat(_ZERO)), splat(FAR))
+                limit = lane_min(t)
+                real[q + _LIMIT] = limit
+                whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(t <= limit))
     while height > floor:
         top = height - 1
         left = np.int64(whole[_LINKS + 2 * top])
