@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.memory import float_lines, int_lines
+from luxel.kernels.memory import float_lines, index, int_lines
 from luxel.kernels.simd import (
     FAR,
     LANES,
@@ -80,6 +80,7 @@ def put(bundle, k, who, worth, x, y, z, dx, dy, dz, limit, skip, kind):
     If the last ray of its `kind`, one of ``tree_trace.BLOCKERS`` or MISS, was blocked, then by a leaf that is looked at first where any hit will do: rays from about
     the same place in about the same direction are often blocked by the same few spheres.
     """
+    k = index(k)
     ray, o = bundle.real, k * _RAY
     ray[o], ray[o + 1], ray[o + 2] = x, y, z
     ray[o + 3], ray[o + 4], ray[o + 5] = dx, dy, dz
@@ -91,13 +92,13 @@ def put(bundle, k, who, worth, x, y, z, dx, dy, dz, limit, skip, kind):
 @kernel(inline=True, borrows=True)
 def whose(bundle, k):
     """Number and worth of ray k."""
-    return bundle.whole[k * _WORDS + _WHO], bundle.real[k * _RAY + _WORTH]
+    return bundle.whole[index(k) * _WORDS + _WHO], bundle.real[index(k) * _RAY + _WORTH]
 
 
 @kernel(inline=True, borrows=True)
 def line_of(bundle, k):
     """Origin and direction of ray k."""
-    ray, o = bundle.real, k * _RAY
+    ray, o = bundle.real, index(k) * _RAY
     return ray[o], ray[o + 1], ray[o + 2], ray[o + 3], ray[o + 4], ray[o + 5]
 
 
@@ -118,15 +119,15 @@ def meets(bundle, k):
 @kernel(inline=True, borrows=True)
 def _met_again(tree, blockers, bundle, k, any_hit):
     """Whether what has blocked the last ray of its kind blocks ray k, which then is done."""
-    whole, w = bundle.whole, k * _WORDS
+    whole, w = bundle.whole, index(k) * _WORDS
     kind = whole[w + _KIND]
     if not any_hit or kind < 0:
         return False
-    leaf = blockers[kind]
+    leaf = blockers[index(kind)]
     if leaf < 0:
         return False
     x, y, z, dx, dy, dz = line_of(bundle, k)
-    limit = bundle.real[k * _RAY + _LIMIT]
+    limit = bundle.real[index(k) * _RAY + _LIMIT]
     if not any_lane(block_leaf(tree, leaf, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])):
         return False
     whole[w + _MET] = leaf // LEAF * LANES
@@ -136,10 +137,10 @@ def _met_again(tree, blockers, bundle, k, any_hit):
 @kernel(inline=True, borrows=True)
 def _note(blockers, bundle, k, limit, hit, any_hit):
     """Ray k is done."""
-    whole, w = bundle.whole, k * _WORDS
-    bundle.real[k * _RAY + _LIMIT], whole[w + _MET] = limit, hit
+    whole, w = bundle.whole, index(k) * _WORDS
+    bundle.real[index(k) * _RAY + _LIMIT], whole[w + _MET] = limit, hit
     if any_hit and whole[w + _KIND] >= 0:
-        blockers[whole[w + _KIND]] = hit // LANES * LEAF if hit >= 0 else MISS
+        blockers[index(whole[w + _KIND])] = hit // LANES * LEAF if hit >= 0 else MISS
 
 
 @kernel(borrows=True)
@@ -148,7 +149,7 @@ def _begin(tree, blockers, bundle, m, waiting, count, any_hit, frames):
     real, whole = bundle.real, bundle.whole
     a, b = _UNDER_WAY + m * _REAL, _NUMBERS + m * _WHOLE
     while waiting < count:
-        k = waiting
+        k = index(waiting)
         waiting += 1
         if _met_again(tree, blockers, bundle, k, any_hit):
             continue
@@ -177,7 +178,7 @@ def _step(tree, bundle, m, skip, any_hit, floor):
     nodes, child, real, whole = tree.nodes, tree.child, bundle.real, bundle.whole
     a, b = _UNDER_WAY + m * _REAL, _NUMBERS + m * _WHOLE
     q = a + _ORIGIN
-    now, height, limit = np.int64(whole[b + _NEXT]), np.int64(whole[b + _HEIGHT]), real[q + _LIMIT]
+    now, height, limit = np.int64(whole[b + _NEXT]), index(whole[b + _HEIGHT]), real[q + _LIMIT]
     if now >= 0:
         near_x, near_y, near_z = np.int64(whole[b]), np.int64(whole[b + 1]), np.int64(whole[b + 2])
         ix, iy, iz = splat(real[a]), splat(real[a + 1]), splat(real[a + 2])
@@ -213,7 +214,7 @@ def _step(tree, bundle, m, skip, any_hit, floor):
                 real[q + _LIMIT] = limit
                 whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(t <= limit))
     while height > floor:
-        top = height - 1
+        top = index(height - 1)
         left = np.int64(whole[_LINKS + 2 * top])
         enter = load(real, _FRAMES + top * LANES)
         nearest = lane_min(select(mask_from_bits(left), enter, splat(FAR)))
@@ -222,7 +223,7 @@ def _step(tree, bundle, m, skip, any_hit, floor):
         whole[_LINKS + 2 * top] = left
         height -= left == 0
         if nearest < limit:
-            whole[b + _NEXT] = child[np.int64(whole[_LINKS + 2 * top + 1]) + k]
+            whole[b + _NEXT] = child[index(whole[_LINKS + 2 * top + 1]) + k]
             whole[b + _HEIGHT] = height
             return False
         height = top
@@ -242,7 +243,7 @@ def _left(bundle, waiting, count):
 def _turn(tree, blockers, bundle, m, waiting, count, left, any_hit, frames):
     """Let one of the crew take a step; returns how many rays have been put on their way, and how many are not done."""
     k = np.int64(bundle.whole[_NUMBERS + m * _WHOLE + _NUMBER])
-    if k >= 0 and _step(tree, bundle, m, bundle.whole[k * _WORDS + _SKIP], any_hit, m * frames):
+    if k >= 0 and _step(tree, bundle, m, bundle.whole[index(k) * _WORDS + _SKIP], any_hit, m * frames):
         limit = bundle.real[_UNDER_WAY + m * _REAL + _ORIGIN + _LIMIT]
         _note(blockers, bundle, k, limit, bundle.whole[_NUMBERS + m * _WHOLE + _HIT], any_hit)
         waiting = _begin(tree, blockers, bundle, m, waiting, count, any_hit, frames)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import index
 from luxel.kernels.near import RAY, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION
 from luxel.kernels.rays import (
@@ -33,7 +34,7 @@ def _wanted_rays(table, at, count, wanted):
     found = np.int64(0)
     for s in range(count):
         texel = table.texel[at + s]
-        if texel >= 0 and wanted[texel] != 0:
+        if texel >= 0 and wanted[index(texel)] != 0:
             found |= np.int64(1) << np.int64(s)
     return found
 
@@ -41,7 +42,8 @@ def _wanted_rays(table, at, count, wanted):
 @kernel(borrows=True)
 def _meet(world, work, near, known, site, table, chosen_set, wanted, bundle):
     """Find out what all rays from texels that are wanted meet."""
-    rays, lanes = table.rays[chosen_set], table.width * LANES
+    rays, width = table.rays[chosen_set], index(table.width)
+    lanes = width * LANES
     listed = 0
     for patch in range(table.patches.shape[0]):
         at = patch * lanes
@@ -50,7 +52,7 @@ def _meet(world, work, near, known, site, table, chosen_set, wanted, bundle):
         if chosen != 0:
             p = table.patches[patch]
             found = patch_neighbours(near, known, p[0], p[1], p[2], p[3])
-            first = patch * table.width * RAY
+            first = patch * width * RAY
             listed = first_hits(
                 world, work, near, found, site, rays, first, count, chosen, at, bundle, listed
             )
@@ -72,7 +74,7 @@ def launch(world, work, near, known, site, table, wanted, values, waves):
     for s in range(table.texel.shape[0]):
         texel, t, hit, o = table.texel[s], near.hit_t[s], near.hit[s], ray_word(s)
         value = _ZERO
-        if texel < 0 or wanted[texel] == 0:
+        if texel < 0 or wanted[index(texel)] == 0:
             value = -_ONE
         elif hit == MISS or (hit >= 0 and t * site.r >= world.reach):
             value = sky_along(world, site, rays, o)

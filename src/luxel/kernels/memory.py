@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from luxel.kernels.jit import kernel
 
-__all__ = ["float_lines", "int_lines", "item", "lines", "prefetch", "take"]
+__all__ = ["float_lines", "index", "int_lines", "item", "lines", "prefetch", "take"]
 
 _BYTE, _I32 = ir.IntType(8), ir.IntType(32)
 _LINE = 64  # bytes; sixteen lanes that straddle two of them take twice as long to load
@@ -38,6 +38,15 @@ def float_lines(count):
 def int_lines(count):
     """Return (count,) int32 zeros that begin with a cache line."""
     return float_lines(count).view(np.int32)
+
+
+@kernel(inline=True, borrows=True)
+def index(k):
+    """Return a number that is not negative and fits 32 bits, as one of which the compiler knows that.
+
+    Of others it asks whether they count from an array's end, which takes four instructions of every access.
+    """
+    return np.int64(np.uint32(k))
 
 
 @intrinsic

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
-from luxel.kernels.memory import float_lines, int_lines
+from luxel.kernels.memory import float_lines, index, int_lines
 from luxel.kernels.simd import (
     FAR,
     LANES,
@@ -56,6 +56,7 @@ _CAPACITY = 512
 _ENOUGH = 128
 # Beyond these ratios of radii b² - q, or q itself, cancels: such neighbours are tested by their distance from the ray.
 GIANT, _DWARF = np.float32(8), np.float32(0.125)
+_APART = np.float32(1.001)  # a sphere that begins there holds no ray's start, whatever rounding says
 EXIT = np.float32(1e-4)  # as in tree_trace: a sphere that a ray is about to leave does not block it
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
@@ -272,7 +273,7 @@ def nearest(near, found, rays, first, blocks, out):
         w = load(rays, o + 6 * LANES)
         t, hit = splat(FAR), splat_int(np.int32(-1))
         for k in range(found):
-            j = near.chosen[k]
+            j = index(near.chosen[k])
             if not any_lane(t >= splat(near.surface[j] - _ONE)):
                 break
             b, disc, _ = _cross(near, j, ax, ay, az, dx, dy, dz, w)
@@ -303,13 +304,20 @@ def unblocked(near, found, rays, first, open_):
     ax, ay, az = load(rays, first), load(rays, first + LANES), load(rays, first + 2 * LANES)
     dx, dy, dz = load(rays, first + 3 * LANES), load(rays, first + 4 * LANES), load(rays, first + 5 * LANES)
     w = load(rays, first + 6 * LANES)
+    mx, my, mz = -_TWO * ax, -_TWO * ay, -_TWO * az
     still = mask_from_bits(open_)
     for k in range(found):
-        j = near.chosen[k]
-        b, disc, q = _cross(near, j, ax, ay, az, dx, dy, dz, w)
-        margin = exit_ * near.radius[j]
+        j = index(near.chosen[k])
         # Blocked if b + sqrt(disc) > margin; said without the root.
-        still = still & ((disc <= zero) | (vmax(b - margin, (b + b - margin) * margin - q) <= zero))
+        if near.surface[j] > _APART and _DWARF <= near.radius[j] <= GIANT:
+            ex, ey, ez = splat(near.x[j]), splat(near.y[j]), splat(near.z[j])
+            b = fma(dx, ex, fma(dy, ey, fma(dz, ez, -w)))
+            q = fma(mx, ex, fma(my, ey, fma(mz, ez, splat(near.power[j]))))
+            still = still & (b * vmax(b, zero) <= q)
+        else:
+            b, disc, q = _cross(near, j, ax, ay, az, dx, dy, dz, w)
+            margin = exit_ * near.radius[j]
+            still = still & ((disc <= zero) | (vmax(b - margin, (b + b - margin) * margin - q) <= zero))
         if not any_lane(still):
             return 0
     return bits(still)

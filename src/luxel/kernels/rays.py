@@ -12,6 +12,7 @@ import numpy as np
 from luxel.kernels.bundle import ROOM, first_met, meets, put, trace_bundle, whose
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
+from luxel.kernels.memory import index
 from luxel.kernels.near import RAY, collect, nearest, unblocked
 from luxel.kernels.periodic import HERE, LOST, follow, image_of, shadowed, surroundings
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
@@ -94,6 +95,7 @@ def put_rays(rays, o, ax, ay, az, direction):
 @kernel(inline=True, borrows=True)
 def ray_word(k):
     """First word of ray k."""
+    k = index(k)
     return (k // LANES) * RAY + k % LANES
 
 
@@ -203,10 +205,10 @@ def first_hits(world, work, near, found, site, rays, first, count, wanted, base,
         t, hit = min(near.hit_t[k], most), near.hit[k]
         particle, offset = _NONE, HERE
         if hit >= 0:
-            particle, offset = image_of(world.cell, world, site.sphere, near.id[hit])
+            particle, offset = image_of(world.cell, world, site.sphere, near.id[index(hit)])
         near.hit[k] = particle
         _note_offset(world.cell, near, k, offset)
-        o = first + ray_word(s)
+        o = index(first) + ray_word(s)
         start, px, py, pz = _leave(site, rays, o)
         if t <= start:
             continue
@@ -315,7 +317,7 @@ def escaping(world, work, near, found, site, rays, first, count, values, base, b
     `listed` rays are in the bundle already; returns how many then are.
     """
     for block in range((count + LANES - 1) // LANES):
-        o = first + block * RAY
+        o = index(first) + block * RAY
         lanes = min(LANES, count - block * LANES)
         at = base + block * LANES
         values[at : at + lanes] = _ZERO
@@ -337,7 +339,7 @@ def escaping(world, work, near, found, site, rays, first, count, values, base, b
 def add_sunlight(world, work, near, found, site, sun, rays, first, count, values, base, bundle, listed):
     """Add sun `sun`'s light to values that are not negative, see :func:`escaping`; rays point towards its disc."""
     for block in range((count + LANES - 1) // LANES):
-        o = first + block * RAY
+        o = index(first) + block * RAY
         at = base + block * LANES
         open_ = 0
         for lane in range(min(LANES, count - block * LANES)):

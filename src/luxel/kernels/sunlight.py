@@ -13,7 +13,7 @@ import numpy as np
 from luxel.kernels.bundle import Bundle, bundle_scratch
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import hidden_by_light, sun_luminance
-from luxel.kernels.memory import float_lines
+from luxel.kernels.memory import float_lines, index
 from luxel.kernels.near import RAY, Near, buried_starts, near_scratch, unblocked
 from luxel.kernels.rays import pass_beyond, ray_start, set_of
 from luxel.kernels.simd import (
@@ -192,7 +192,7 @@ def _clear_of(beam, found, rays, first, open_):
     dx, dy, dz = load(rays, first + 3 * LANES), load(rays, first + 4 * LANES), load(rays, first + 5 * LANES)
     still = mask_from_bits(open_)
     for k in range(found):
-        j = beam.chosen[k]
+        j = index(beam.chosen[k])
         ex, ey, ez = splat(beam.x[j]) - ax, splat(beam.y[j]) - ay, splat(beam.z[j]) - az
         b = fma(dx, ex, fma(dy, ey, dz * ez))
         px, py, pz = fnma(b, dx, ex), fnma(b, dy, ey), fnma(b, dz, ez)

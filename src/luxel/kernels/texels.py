@@ -12,7 +12,7 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light
 from luxel.kernels.mapping import texel_directions
-from luxel.kernels.memory import float_lines
+from luxel.kernels.memory import float_lines, index
 from luxel.kernels.near import RAY, Near, near_scratch, patch_neighbours
 from luxel.kernels.path import INTERREFLECTION, LAMBERTIAN, SHADOWS, luminance_at
 from luxel.kernels.periodic import HERE, LOST
@@ -174,14 +174,14 @@ def _direct(world, work, pad, found, site, first, count, base, hits, listed):
 @kernel(inline=True, borrows=True)
 def _sample_row(world, work, pad, known, site, mapping, row, texels, grid, frames):
     """Write the samples of a row of texels to ``pad.values``."""
-    count = grid * grid
+    count, apart = index(grid * grid), index(pad.apart)
     near, waves, values = pad.near, pad.waves, pad.values
     near_first = _asks_what_is_met(world)
     after_suns = next_state(np.uint64(0)) * np.uint64(1 + world.lights.suns.shape[0])
     listed = in_shadow = paths = 0
     for column in range(texels):
         texel, base = row * texels + column, column * count
-        first, hits = column * pad.apart * RAY, column * pad.apart * LANES
+        first, hits = column * apart * RAY, column * apart * LANES
         _draw(world, pad, mapping, site.sphere, texel, texels, grid, first)
         if world.model == LAMBERTIAN:
             _plain(world, work, pad, site, count, base)
@@ -201,7 +201,7 @@ def _sample_row(world, work, pad, known, site, mapping, row, texels, grid, frame
             in_shadow = _direct(world, work, pad, found, site, first, count, base, hits, in_shadow)
     hits_beyond(world, work, near, site, waves.beyond, listed)
     for column in range(texels if near_first else 0):
-        first, hits, base = column * pad.apart * RAY, column * pad.apart * LANES, column * count
+        first, hits, base = column * apart * RAY, column * apart * LANES, column * count
         if world.model == INTERREFLECTION:
             paths = _first_stretch(world, work, pad, site, first, count, base, hits, paths)
         else:

@@ -22,7 +22,7 @@ from luxel.kernels.bundle import (
 )
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
-from luxel.kernels.memory import float_lines, int_lines
+from luxel.kernels.memory import float_lines, index, int_lines
 from luxel.kernels.near import EXIT, GIANT, passes_by
 from luxel.kernels.path import path_tail, survival
 from luxel.kernels.periodic import HERE
@@ -294,7 +294,7 @@ def _aim(world, site, waves, first, count):
     center = waves.center
     for lane in range(LANES):
         k = first + min(lane, count - 1)  # what an earlier block has left must not slow this one down
-        sphere = waves.sphere[k]
+        sphere = index(waves.sphere[k])
         waves.skip[lane] = sphere
         center[lane], center[3 * LANES + lane] = world.centers[sphere, 0], world.radii[sphere]
         center[LANES + lane], center[2 * LANES + lane] = world.centers[sphere, 1], world.centers[sphere, 2]
