@@ -31,7 +31,7 @@ from luxel.kernels.simd import (
     vmin,
     with_lane_numbers,
 )
-from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, MISS, NODE, block_leaf, find, meet_leaf, scratch
+from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, MISS, NODE, entries, find, meet_leaf, scratch
 
 __all__ = [
     "ROOM", "Bundle", "bundle_scratch", "first_met", "line_of", "meets", "put", "trace_bundle", "trace_rays", "whose",
@@ -128,7 +128,7 @@ def _met_again(tree, blockers, bundle, k, any_hit):
         return False
     x, y, z, dx, dy, dz = line_of(bundle, k)
     limit = bundle.real[index(k) * _RAY + _LIMIT]
-    if not any_lane(block_leaf(tree, leaf, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])):
+    if not any_lane(meet_leaf(tree, leaf, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])[0]):
         return False
     whole[w + _MET] = leaf // LEAF * LANES
     return True
@@ -201,18 +201,15 @@ def _step(tree, bundle, m, skip, any_hit, floor):
     else:
         o = ~now * LEAF
         x, y, z, dx, dy, dz = real[q], real[q + 1], real[q + 2], real[q + 3], real[q + 4], real[q + 5]
-        if any_hit:
-            hits = block_leaf(tree, o, x, y, z, dx, dy, dz, limit, skip)
-            if any_lane(hits):
+        hits, middle, disc = meet_leaf(tree, o, x, y, z, dx, dy, dz, limit, skip)
+        if any_lane(hits):
+            if any_hit:
                 whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(hits))
                 return True
-        else:
-            hits, t = meet_leaf(tree, o, x, y, z, dx, dy, dz, limit, skip)
-            if any_lane(hits):
-                t = select(hits, vmax(t, splat(_ZERO)), splat(FAR))
-                limit = lane_min(t)
-                real[q + _LIMIT] = limit
-                whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(t <= limit))
+            t = entries(hits, middle, disc)
+            limit = lane_min(t)
+            real[q + _LIMIT] = limit
+            whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(t <= limit))
     while height > floor:
         top = index(height - 1)
         left = np.int64(whole[_LINKS + 2 * top])

@@ -36,7 +36,7 @@ __all__ = [
     "NODE",
     "Tree",
     "ask_for",
-    "block_leaf",
+    "entries",
     "find",
     "meet_leaf",
     "occluded",
@@ -101,9 +101,13 @@ def ask_for(nodes, spheres, link):
 
 
 @kernel(inline=True, borrows=True)
-def _chords(tree, o, ox, oy, oz, dx, dy, dz, skip):
-    """Spheres of the leaf at word `o` and the line of a ray: where its chord's middle is, half the chord squared, r², and which are not `skip`."""
+def meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip):
+    """Which spheres of the leaf at word `o` a ray meets, and for :func:`entries` where the middles of its chords are, and half their squares.
+
+    Said without a root, which takes as long as all else.
+    """
     spheres, ids = tree.spheres, tree.ids
+    zero = splat(np.float32(0))
     cx, cy, cz = load(spheres, o) - ox, load(spheres, o + LANES) - oy, load(spheres, o + 2 * LANES) - oz
     vdx, vdy, vdz = splat(dx), splat(dy), splat(dz)
     r2 = load(spheres, o + 3 * LANES)
@@ -111,28 +115,18 @@ def _chords(tree, o, ox, oy, oz, dx, dy, dz, skip):
     # Distance of the ray's line to the centre first: no cancellation for far spheres.
     px, py, pz = fnma(b, vdx, cx), fnma(b, vdy, cy), fnma(b, vdz, cz)
     disc = fnma(px, px, fnma(py, py, fnma(pz, pz, r2)))
-    return b, disc, r2, load(ids, o + IDS) != splat_int(skip)
-
-
-@kernel(inline=True, borrows=True)
-def meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip):
-    """Which spheres of the leaf at word `o` a ray meets, and where."""
-    zero = splat(np.float32(0))
-    b, disc, r2, others = _chords(tree, o, ox, oy, oz, dx, dy, dz, skip)
-    root = vsqrt(vmax(disc, zero))
-    t, out = b - root, b + root
-    return (disc >= zero) & (out > zero) & (out * out > r2 * _EXIT_TOLERANCE) & (t < limit) & others, t
-
-
-@kernel(inline=True, borrows=True)
-def block_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip):
-    """Which spheres of the leaf at word `o` block a ray: those that it meets, said without a root, which takes as long as all else."""
-    zero = splat(np.float32(0))
-    b, disc, r2, others = _chords(tree, o, ox, oy, oz, dx, dy, dz, skip)
     b2, past = b * b, b - splat(limit)
     ahead = (b > zero) & (vmax(b2, disc) > r2 * _EXIT_TOLERANCE)
     inside = disc > fma(r2, splat(_INSIDE), b2)
-    return (disc >= zero) & (ahead | inside) & ((past < zero) | (past * past < disc)) & others
+    hits = (disc >= zero) & (ahead | inside) & ((past < zero) | (past * past < disc))
+    return hits & (load(ids, o + IDS) != splat_int(skip)), b, disc
+
+
+@kernel(inline=True, borrows=True)
+def entries(hits, b, disc):
+    """Where a ray enters the spheres that it meets; far away for others."""
+    zero = splat(np.float32(0))
+    return select(hits, vmax(b - vsqrt(vmax(disc, zero)), zero), splat(_FAR))
 
 
 @kernel(borrows=True)
@@ -200,16 +194,13 @@ def find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
                 continue
         else:
             o = ~current * LEAF
-            if any_hit:
-                hits = block_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip)
-                if any_lane(hits):
+            hits, b, disc = meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip)
+            if any_lane(hits):
+                if any_hit:
                     return np.float32(0), o + IDS + trailing_zeros(bits(hits))
-            else:
-                hits, t = meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip)
-                if any_lane(hits):
-                    t = select(hits, vmax(t, zero), splat(_FAR))
-                    limit = lane_min(t)
-                    hit = o + IDS + trailing_zeros(bits(t <= limit))
+                t = entries(hits, b, disc)
+                limit = lane_min(t)
+                hit = o + IDS + trailing_zeros(bits(t <= limit))
         while True:
             height -= 1
             if height < 0:
