@@ -53,7 +53,7 @@ class CommServer:
     send
         Carries messages to the front end.
     notice
-        Shown until the first light arrives.
+        Shown until the first textures arrive.
     renderer
         See :class:`Hub`.
 

@@ -38,7 +38,7 @@ _IDLE_PERIOD_S = 0.5  # between looks whether somebody changed the session from 
 
 
 def cold_notice() -> str:
-    """Return what pages say until the first light arrives, if kernels have to be compiled first."""
+    """Return what pages say until the first textures arrive, if kernels have to be compiled first."""
     return "Compiling light kernels for this machine (once) …" if cold() else ""
 
 
@@ -53,7 +53,7 @@ class Hub:
     session
         What pages show.
     notice
-        What they say until the first light arrives.
+        What they say until the first textures arrive.
     renderer
         What draws: ``"browser"``, or ``"raytrace"`` on the server, until a page wants it otherwise.
     """
@@ -348,7 +348,8 @@ class Hub:
                 self._loop.call_soon_threadsafe(self._publish, batch)
 
     def _publish(self, batch: TileBatch | CoarseBatch) -> None:
-        self.notice = ""  # what there was to wait for is over
+        if isinstance(batch, TileBatch):
+            self.notice = ""  # what there was to wait for is over
         if batch.key == self._key:
             for page in self.pages:
                 if isinstance(batch, CoarseBatch):

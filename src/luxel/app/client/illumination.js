@@ -102,7 +102,6 @@ export class Illumination {
   takeCoarse(head, arrays) {
     this.confirm("coarse");
     if (this.coarse.put(head.key, arrays.ids, arrays.records)) this.app.drawing.lightChanged();
-    this.dawned();
   }
 
   /** @param {any} head @param {Record<string, any>} arrays */
