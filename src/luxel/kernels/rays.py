@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from luxel.kernels.bundle import ROOM, first_met, meets, put, trace_bundle, whose
+from luxel.kernels.bundle import ROOM, first_met, line_of, meets, put, trace_bundle, whose
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
 from luxel.kernels.memory import index
@@ -48,6 +48,7 @@ _LAST_BIT = 63
 #: Bits of rays, all of them wanted.
 EVERY_RAY = np.int64(-1)
 _NONE = np.int32(MISS)
+_SKY = -_ONE  # what a ray is worth that brings what the sky shows where it goes, which is looked up only if nothing stops it
 _TOUCHING = np.float32(
     1e-6
 )  # a hit beyond the near ball is no start inside a neighbour, whatever rounding says
@@ -295,6 +296,9 @@ def bring(world, work, bundle, listed, values):
     for j in range(listed):
         if not meets(bundle, j):
             k, light = whose(bundle, j)
+            if light < 0:
+                x, y, z, dx, dy, dz = line_of(bundle, j)
+                light = escape_radiance(world.lights, x, y, z, dx, dy, dz)
             values[k] += light
 
 
@@ -316,6 +320,8 @@ def escaping(world, work, near, found, site, rays, first, count, values, base, b
 
     `listed` rays are in the bundle already; returns how many then are.
     """
+    # Lamps may stand before the point where a ray enters the tree.
+    alone = world.cell is None and world.lights.globes.shape[0] + world.lights.quads.shape[0] == 0
     for block in range((count + LANES - 1) // LANES):
         o = index(first) + block * RAY
         lanes = min(LANES, count - block * LANES)
@@ -328,7 +334,7 @@ def escaping(world, work, near, found, site, rays, first, count, values, base, b
         while open_ != 0:
             lane = trailing_zeros(open_)
             open_ &= open_ - 1
-            light = sky_along(world, site, rays, o + lane)
+            light = _SKY if alone else sky_along(world, site, rays, o + lane)
             listed = _add_unless_stopped(
                 world, work, bundle, listed, site, rays, o + lane, values, at + lane, light
             )
