@@ -70,7 +70,7 @@ class Near(NamedTuple):
     far: np.ndarray  # distance of the centre
     power: np.ndarray  # |centre|² - radius² + 1
     radius: np.ndarray
-    surface: np.ndarray  # distance of the nearest point of the surface from the particle's centre
+    surface: np.ndarray  # distance of the nearest point of the surface from the particle's centre; of dwarfs and giants at most 1
     id: np.ndarray  # int32
     chosen: np.ndarray  # int32: neighbours that rays of one patch may meet
     hit_t: np.ndarray  # float32 a ray
@@ -195,6 +195,10 @@ def collect(tree, work, near, cx, cy, cz, r, skip):
         d = np.sqrt(x * x + y * y + z * z)
         near.far[k] = np.float32(d)
         near.power[k] = np.float32((d - near.radius[k]) * (d + near.radius[k]) + 1.0)
+        if not _DWARF <= near.radius[k] <= GIANT:
+            near.surface[k] = min(
+                near.surface[k], _ONE
+            )  # nearer than it is: rays test it with care, and in vain at worst
     for k in range(count, (count + LANES - 1) // LANES * LANES):
         near.x[k] = near.y[k] = near.z[k] = near.far[k] = _ZERO
         near.radius[k] = -FAR
@@ -309,7 +313,7 @@ def unblocked(near, found, rays, first, open_):
     for k in range(found):
         j = index(near.chosen[k])
         # Blocked if b + sqrt(disc) > margin; said without the root.
-        if near.surface[j] > _APART and _DWARF <= near.radius[j] <= GIANT:
+        if near.surface[j] > _APART:
             ex, ey, ez = splat(near.x[j]), splat(near.y[j]), splat(near.z[j])
             b = fma(dx, ex, fma(dy, ey, fma(dz, ez, -w)))
             q = fma(mx, ex, fma(my, ey, fma(mz, ez, splat(near.power[j]))))
