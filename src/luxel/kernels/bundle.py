@@ -38,7 +38,7 @@ __all__ = [
 ]  # fmt: skip
 
 #: Rays of a bundle.
-ROOM = 128
+ROOM = 256
 _CREW, _FEW = 4, 12  # so many under way at once; fewer than those go one by one
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _TINY = np.float32(1e-12)
