@@ -36,7 +36,7 @@ class TextureSpec:
     texels
         Rows and columns.
     samples
-        Jittered samples a texel; a square number in ``paper`` mode.
+        Jittered samples a texel; a square number in ``paper`` mode. In ``fast`` mode, small texels near the poles of a latitude-longitude map have fewer.
     mode
         ``"paper"``: Monte Carlo path tracing to the letter, linear codes. ``"fast"``: the same paths, then a filter
         in texture space whose covariance is learned from the data set, and square-root codes.
