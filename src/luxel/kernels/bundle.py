@@ -127,7 +127,7 @@ def _met_again(tree, blockers, bundle, k, any_hit):
     if leaf < 0:
         return False
     x, y, z, dx, dy, dz = line_of(bundle, k)
-    limit = bundle.real[index(k) * _RAY + _LIMIT]
+    limit = min(bundle.real[index(k) * _RAY + _LIMIT], FAR)
     if not any_lane(meet_leaf(tree, leaf, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])[0]):
         return False
     whole[w + _MET] = leaf // LEAF * LANES

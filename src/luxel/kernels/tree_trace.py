@@ -118,7 +118,7 @@ def meet_leaf(tree, o, ox, oy, oz, dx, dy, dz, limit, skip):
     b2, past = b * b, b - splat(limit)
     ahead = (b > zero) & (vmax(b2, disc) > r2 * _EXIT_TOLERANCE)
     inside = disc > fma(r2, splat(_INSIDE), b2)
-    hits = (disc >= zero) & (ahead | inside) & ((past < zero) | (past * past < disc))
+    hits = (ahead | inside) & (past * vmax(past, zero) < disc)
     return hits & (load(ids, o + IDS) != splat_int(skip)), b, disc
 
 
@@ -157,6 +157,7 @@ def find(tree, work, ox, oy, oz, dx, dy, dz, limit, skip, any_hit):
     vix, viy, viz = splat(ix), splat(iy), splat(iz)
     vox, voy, voz = splat(-ox * ix), splat(-oy * iy), splat(-oz * iz)
     zero = splat(np.float32(0))
+    limit = min(limit, _FAR)
     hit = MISS
     height = 0
     current = 0

@@ -115,13 +115,13 @@ class TextureFilter:
             center, np.ascontiguousarray(vectors.T), power, left, noise, gain, sun_gain, np.ones(1),
             np.ones(1), angles / angles.mean(), mapping,
         )  # fmt: skip
-        return raw._calibrated(a, b, drawn) if keep else raw
+        return raw._calibrated(a, b, drawn, _flat(first.rest.exposed) > 0) if keep else raw
 
-    def _calibrated(self, a: Float, b: Float, drawn: Drawn) -> TextureFilter:
-        """Compare predicted errors with those found on the training set."""
+    def _calibrated(self, a: Float, b: Float, drawn: Drawn, open_: NDArray[np.bool_]) -> TextureFilter:
+        """Compare predicted errors with those found on the training set, over texels in the `open_`, be they sampled or not."""
         found, predicted = self.apply(drawn)
         estimate = found.reshape(a.shape).astype(np.float64)
-        weights = self.weights * (_flat(drawn.rest.exposed) > 0)
+        weights = self.weights * open_
         total = np.maximum(weights.sum(axis=1), 1e-9)
         actual = ((estimate - a) * (estimate - b) * weights).sum(axis=1) / total
         variance = predicted.astype(np.float64) ** 2

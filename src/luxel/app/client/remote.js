@@ -198,7 +198,7 @@ export class Remote {
     if (!this.active || (head.beside && !this.app.beside.wanted)) return bitmap?.close();
     (head.beside ? this.right : this.left).take(head, bitmap);
     if (!head.beside) this.frames++;
-    if (head.ready || head.coarse) this.app.notices.trouble("notice", null);
+    if (head.ready) this.app.notices.trouble("notice", null);
     this.app.notices.tick();
     if (head.final) this.app.notices.show();
     this.app.player.tick();
