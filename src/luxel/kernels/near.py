@@ -196,9 +196,8 @@ def collect(tree, work, near, cx, cy, cz, r, skip):
         near.far[k] = np.float32(d)
         near.power[k] = np.float32((d - near.radius[k]) * (d + near.radius[k]) + 1.0)
         if not _DWARF <= near.radius[k] <= GIANT:
-            near.surface[k] = min(
-                near.surface[k], _ONE
-            )  # nearer than it is: rays test it with care, and in vain at worst
+            # Nearer than it is: rays test it with care, and in vain at worst.
+            near.surface[k] = min(near.surface[k], _ONE)
     for k in range(count, (count + LANES - 1) // LANES * LANES):
         near.x[k] = near.y[k] = near.z[k] = near.far[k] = _ZERO
         near.radius[k] = -FAR
