@@ -189,9 +189,8 @@ class FastLight:
             return draw_rays(world, sets, ids)
         drawn = draw_rays(world, sets, ids, texels_looked_at(world, self._mapping, self._texels, ids, gaze))
         missed: NDArray[np.bool_] = ~np.asarray(drawn.rest.exposed.any(axis=(1, 2)))
-        if (
-            missed.any()
-        ):  # samples lie inside of neighbours, or none fell there: light beside is better than none
+        # All samples lie inside of neighbours, or none fell there: some light beside them is better than none.
+        if missed.any():
             _replace(drawn, missed, draw_rays(world, sets, ids[missed]))
         return drawn
 
