@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import luxel
+from luxel.kernels.blockers import KINDS
 from luxel.kernels.bundle import ROOM, bundle_scratch, first_met, meets, put, trace_bundle, whose
 from luxel.kernels.jit import kernel
-from luxel.kernels.tree_trace import BLOCKERS, IDS, LEAF, scratch, trace
+from luxel.kernels.tree import IDS, LEAF
+from luxel.kernels.tree_trace import scratch, trace
 from luxel.trace.reference import ReferenceTracer
 from luxel.trace.spheres import SphereSet
 from luxel.trace.tree import SphereTree
@@ -217,7 +219,7 @@ def test_coincident_spheres_are_met_by_bundles():
     np.testing.assert_allclose(distance[ids >= 0], expected[ids >= 0], atol=1e-5)
 
 
-@pytest.mark.parametrize("kinds", [1, 8, BLOCKERS])
+@pytest.mark.parametrize("kinds", [1, 8, KINDS])
 def test_what_blocked_others_changes_nothing(kinds):
     particles = cloud(800, seed=9, radius=0.01, spread=1.0)
     tree = SphereTree(SphereSet.of(particles))

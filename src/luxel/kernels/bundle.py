@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from luxel.kernels.blockers import blocked_again, note_blocker
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import float_lines, index, int_lines
 from luxel.kernels.simd import (
@@ -31,7 +32,8 @@ from luxel.kernels.simd import (
     vmin,
     with_lane_numbers,
 )
-from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, MISS, NODE, entries, find, meet_leaf, scratch
+from luxel.kernels.tree import CHILDREN, IDS, LEAF, MISS, NODE, entries, meet_leaf
+from luxel.kernels.tree_trace import find, scratch
 
 __all__ = [
     "ROOM", "Bundle", "bundle_scratch", "first_met", "line_of", "meets", "put", "trace_bundle", "trace_rays", "whose",
@@ -48,10 +50,10 @@ _HERE = np.float32(1e-30)
 # what it meets, sixteen to a leaf, and whose it is.
 _RAY, _LIMIT, _WORTH = 8, 6, 7
 _WORDS, _SKIP, _KIND, _MET, _WHO = 4, 0, 1, 2, 3
-# Words of a ray under way: reciprocal direction, origin times that, negative; then those of a ray. Its integers: words of the near sides of a
-# node's boxes; where it goes next; frames on its stack; what it has met; its number.
-_REAL, _ORIGIN = 16, 6
-_WHOLE, _NEXT, _HEIGHT, _HIT, _NUMBER = 8, 3, 4, 5, 6
+# Words of a ray under way: reciprocal direction, origin times that, negative. Its integers: words of the near sides of a node's boxes; where it
+# goes next; frames on its stack; its number.
+_REAL = 8
+_WHOLE, _NEXT, _HEIGHT, _NUMBER = 8, 3, 4, 5
 _IDLE = np.int32(-1)
 # Where the crew's words begin, and where their frames do: where a ray enters the children of a node; bits of the children that are left, and the
 # first word of their links.
@@ -77,16 +79,16 @@ def bundle_scratch(tree):
 def put(bundle, k, who, worth, x, y, z, dx, dy, dz, limit, skip, kind):
     """Make ray k of a bundle, whose number and worth the caller gets back from :func:`whose`; see ``tree_trace.trace``.
 
-    If the last ray of its `kind`, one of ``tree_trace.BLOCKERS`` or MISS, was blocked, then by a leaf that is looked at first where any hit will do: rays from about
-    the same place in about the same direction are often blocked by the same few spheres.
+    Where any hit will do, what has blocked rays of its `kind`, one of ``blockers.KINDS`` or MISS, is looked at first.
     """
     k = index(k)
     ray, o = bundle.real, k * _RAY
     ray[o], ray[o + 1], ray[o + 2] = x, y, z
     ray[o + 3], ray[o + 4], ray[o + 5] = dx, dy, dz
-    ray[o + _LIMIT], ray[o + _WORTH] = limit, worth
+    # Nothing is farther than no child at all.
+    ray[o + _LIMIT], ray[o + _WORTH] = min(limit, FAR), worth
     word, w = bundle.whole, k * _WORDS
-    word[w + _SKIP], word[w + _KIND], word[w + _WHO] = skip, kind, who
+    word[w + _SKIP], word[w + _KIND], word[w + _MET], word[w + _WHO] = skip, kind, MISS, who
 
 
 @kernel(inline=True, borrows=True)
@@ -117,30 +119,26 @@ def meets(bundle, k):
 
 
 @kernel(inline=True, borrows=True)
-def _met_again(tree, blockers, bundle, k, any_hit):
-    """Whether what has blocked the last ray of its kind blocks ray k, which then is done."""
+def _blocked_again(blockers, bundle, k):
+    """Whether one of those that have blocked rays of its kind blocks ray k, which then is done."""
     whole, w = bundle.whole, index(k) * _WORDS
     kind = whole[w + _KIND]
-    if not any_hit or kind < 0:
-        return False
-    leaf = blockers[index(kind)]
-    if leaf < 0:
+    if kind < 0:
         return False
     x, y, z, dx, dy, dz = line_of(bundle, k)
-    limit = min(bundle.real[index(k) * _RAY + _LIMIT], FAR)
-    if not any_lane(meet_leaf(tree, leaf, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])[0]):
+    limit = bundle.real[index(k) * _RAY + _LIMIT]
+    if not blocked_again(blockers, kind, x, y, z, dx, dy, dz, limit, whole[w + _SKIP]):
         return False
-    whole[w + _MET] = leaf // LEAF * LANES
+    whole[w + _MET] = 0
     return True
 
 
 @kernel(inline=True, borrows=True)
-def _note(blockers, bundle, k, limit, hit, any_hit):
-    """Ray k is done."""
-    whole, w = bundle.whole, index(k) * _WORDS
-    bundle.real[index(k) * _RAY + _LIMIT], whole[w + _MET] = limit, hit
-    if any_hit and whole[w + _KIND] >= 0:
-        blockers[index(whole[w + _KIND])] = hit // LANES * LEAF if hit >= 0 else MISS
+def _note(tree, blockers, bundle, k):
+    """Note what has blocked ray k, if anything."""
+    met, kind = np.int64(bundle.whole[index(k) * _WORDS + _MET]), bundle.whole[index(k) * _WORDS + _KIND]
+    if met >= 0 and kind >= 0:
+        note_blocker(blockers, kind, tree, met // LANES * LEAF + met % LANES)
 
 
 @kernel(borrows=True)
@@ -151,7 +149,7 @@ def _begin(tree, blockers, bundle, m, waiting, count, any_hit, frames):
     while waiting < count:
         k = index(waiting)
         waiting += 1
-        if _met_again(tree, blockers, bundle, k, any_hit):
+        if any_hit and _blocked_again(blockers, bundle, k):
             continue
         x, y, z, dx, dy, dz = line_of(bundle, k)
         ix = _ONE / (dx if abs(dx) > _TINY else _TINY)
@@ -159,25 +157,21 @@ def _begin(tree, blockers, bundle, m, waiting, count, any_hit, frames):
         iz = _ONE / (dz if abs(dz) > _TINY else _TINY)
         real[a], real[a + 1], real[a + 2] = ix, iy, iz
         real[a + 3], real[a + 4], real[a + 5] = -x * ix, -y * iy, -z * iz
-        for c in range(_LIMIT):
-            real[a + _ORIGIN + c] = real[k * _RAY + c]
-        # Nothing is farther than no child at all.
-        real[a + _ORIGIN + _LIMIT] = min(real[k * _RAY + _LIMIT], FAR)
         whole[b] = 0 if ix >= 0 else 3 * LANES
         whole[b + 1] = LANES if iy >= 0 else 4 * LANES
         whole[b + 2] = 2 * LANES if iz >= 0 else 5 * LANES
-        whole[b + _NEXT], whole[b + _HEIGHT], whole[b + _HIT], whole[b + _NUMBER] = 0, m * frames, MISS, k
+        whole[b + _NEXT], whole[b + _HEIGHT], whole[b + _NUMBER] = 0, m * frames, k
         return waiting
     whole[b + _NUMBER] = _IDLE
     return waiting
 
 
 @kernel(inline=True, borrows=True)
-def _step(tree, bundle, m, skip, any_hit, floor):
-    """Take a ray to the node or leaf where it goes next, and find out where it goes then; whether it is done."""
+def _step(tree, bundle, m, k, any_hit, floor):
+    """Take ray k to the node or leaf where it goes next, and find out where it goes then; whether it is done."""
     nodes, child, real, whole = tree.nodes, tree.child, bundle.real, bundle.whole
     a, b = _UNDER_WAY + m * _REAL, _NUMBERS + m * _WHOLE
-    q = a + _ORIGIN
+    q, w = index(k) * _RAY, index(k) * _WORDS
     now, height, limit = np.int64(whole[b + _NEXT]), index(whole[b + _HEIGHT]), real[q + _LIMIT]
     if now >= 0:
         near_x, near_y, near_z = np.int64(whole[b]), np.int64(whole[b + 1]), np.int64(whole[b + 2])
@@ -201,26 +195,26 @@ def _step(tree, bundle, m, skip, any_hit, floor):
     else:
         o = ~now * LEAF
         x, y, z, dx, dy, dz = real[q], real[q + 1], real[q + 2], real[q + 3], real[q + 4], real[q + 5]
-        hits, middle, disc = meet_leaf(tree, o, x, y, z, dx, dy, dz, limit, skip)
+        hits, middle, disc = meet_leaf(tree, o, x, y, z, dx, dy, dz, limit, whole[w + _SKIP])
         if any_lane(hits):
             if any_hit:
-                whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(hits))
+                whole[w + _MET] = ~now * LANES + trailing_zeros(bits(hits))
                 return True
             t = entries(hits, middle, disc)
             limit = lane_min(t)
             real[q + _LIMIT] = limit
-            whole[b + _HIT] = ~now * LANES + trailing_zeros(bits(t <= limit))
+            whole[w + _MET] = ~now * LANES + trailing_zeros(bits(t <= limit))
     while height > floor:
         top = index(height - 1)
         left = np.int64(whole[_LINKS + 2 * top])
         enter = load(real, _FRAMES + top * LANES)
         nearest = lane_min(select(mask_from_bits(left), enter, splat(FAR)))
-        k = lane_number(nearest)
-        left &= ~(np.int64(1) << k)
+        lane = lane_number(nearest)
+        left &= ~(np.int64(1) << lane)
         whole[_LINKS + 2 * top] = left
         height -= left == 0
         if nearest < limit:
-            whole[b + _NEXT] = child[index(whole[_LINKS + 2 * top + 1]) + k]
+            whole[b + _NEXT] = child[index(whole[_LINKS + 2 * top + 1]) + lane]
             whole[b + _HEIGHT] = height
             return False
         height = top
@@ -240,9 +234,9 @@ def _left(bundle, waiting, count):
 def _turn(tree, blockers, bundle, m, waiting, count, left, any_hit, frames):
     """Let one of the crew take a step; returns how many rays have been put on their way, and how many are not done."""
     k = np.int64(bundle.whole[_NUMBERS + m * _WHOLE + _NUMBER])
-    if k >= 0 and _step(tree, bundle, m, bundle.whole[index(k) * _WORDS + _SKIP], any_hit, m * frames):
-        limit = bundle.real[_UNDER_WAY + m * _REAL + _ORIGIN + _LIMIT]
-        _note(blockers, bundle, k, limit, bundle.whole[_NUMBERS + m * _WHOLE + _HIT], any_hit)
+    if k >= 0 and _step(tree, bundle, m, k, any_hit, m * frames):
+        if any_hit:
+            _note(tree, blockers, bundle, k)
         waiting = _begin(tree, blockers, bundle, m, waiting, count, any_hit, frames)
         left = _left(bundle, waiting, count)
     return waiting, left
@@ -254,12 +248,15 @@ def trace_bundle(tree, work, bundle, count, any_hit):
     blockers = work.blockers
     if count < _FEW:
         for k in range(count):
-            if not _met_again(tree, blockers, bundle, k, any_hit):
+            if not (any_hit and _blocked_again(blockers, bundle, k)):
                 x, y, z, dx, dy, dz = line_of(bundle, k)
                 limit, skip = bundle.real[k * _RAY + _LIMIT], bundle.whole[k * _WORDS + _SKIP]
                 limit, word = find(tree, work, x, y, z, dx, dy, dz, limit, skip, any_hit)
-                hit = word // LEAF * LANES + word % LEAF - IDS if word >= 0 else MISS
-                _note(blockers, bundle, k, limit, hit, any_hit)
+                if word >= 0:
+                    bundle.real[k * _RAY + _LIMIT] = limit
+                    bundle.whole[k * _WORDS + _MET] = word // LEAF * LANES + word % LEAF - IDS
+                    if any_hit:
+                        _note(tree, blockers, bundle, k)
         return
     frames = tree.stack_size // (LANES - 1) + 1
     waiting = 0

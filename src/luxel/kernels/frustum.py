@@ -9,7 +9,7 @@ import numpy as np
 from luxel.kernels.jit import kernel
 from luxel.kernels.memory import float_lines
 from luxel.kernels.simd import LANES, bits, fma, load, popcount, splat, trailing_zeros, vmin
-from luxel.kernels.tree_trace import CHILDREN, NODE
+from luxel.kernels.tree import CHILDREN, NODE
 
 __all__ = [
     "Cut",

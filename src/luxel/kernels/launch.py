@@ -20,7 +20,7 @@ from luxel.kernels.rays import (
 )
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import LANES
-from luxel.kernels.tree_trace import MISS
+from luxel.kernels.tree import MISS
 from luxel.kernels.waves import add_path
 
 __all__ = ["launch"]

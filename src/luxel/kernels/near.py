@@ -32,7 +32,7 @@ from luxel.kernels.simd import (
     vmax,
     vsqrt,
 )
-from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE
+from luxel.kernels.tree import CHILDREN, IDS, LEAF, NODE
 
 __all__ = [
     "EXIT",

@@ -11,7 +11,7 @@ from luxel.kernels.light import Lights, direct_light, escape_radiance, sky_irrad
 from luxel.kernels.periodic import HERE, LOST, Periodic, follow, settle, shadowed
 from luxel.kernels.rng import next_state, uniform
 from luxel.kernels.simd import LANES, any_lane, bits, load, splat, splat_int, trailing_zeros
-from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE, Tree
+from luxel.kernels.tree import CHILDREN, IDS, LEAF, NODE, Tree
 from luxel.kernels.warp import cosine_direction
 
 __all__ = [

@@ -16,7 +16,8 @@ import numpy as np
 
 from luxel.kernels.jit import kernel
 from luxel.kernels.simd import FAR
-from luxel.kernels.tree_trace import MISS, Tree, occluded, trace
+from luxel.kernels.tree import MISS, Tree
+from luxel.kernels.tree_trace import occluded, trace
 
 __all__ = ["HERE", "LOST", "Periodic", "follow", "image_of", "settle", "shadowed", "surroundings"]
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from luxel.kernels.blockers import forget, ray_kind
 from luxel.kernels.bundle import ROOM, first_met, line_of, meets, put, trace_bundle, whose
 from luxel.kernels.jit import kernel
 from luxel.kernels.light import area_light, escape_radiance, hidden_by_light, sun_luminance
@@ -17,7 +18,7 @@ from luxel.kernels.near import RAY, collect, nearest, unblocked
 from luxel.kernels.periodic import HERE, LOST, follow, image_of, shadowed, surroundings
 from luxel.kernels.rng import PURPOSE_TEXEL, path_key
 from luxel.kernels.simd import FAR, LANES, store, trailing_zeros
-from luxel.kernels.tree_trace import MISS
+from luxel.kernels.tree import MISS
 
 __all__ = [
     "EVERY_RAY",
@@ -33,7 +34,6 @@ __all__ = [
     "neighbours",
     "pass_beyond",
     "put_rays",
-    "ray_kind",
     "ray_start",
     "ray_word",
     "set_of",
@@ -42,7 +42,6 @@ __all__ = [
 ]
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
-_HALF_A_SIDE, _MIDDLE = np.float32(1.99), np.float32(4)  # of a cube of `BLOCKERS` cells
 _ALL = (1 << LANES) - 1
 _LAST_BIT = 63
 #: Bits of rays, all of them wanted.
@@ -120,7 +119,7 @@ def sky_along(world, site, rays, o):
 def neighbours(world, work, near, particle):
     """Collect the neighbours of a particle, images among them; returns (count, reach), see ``near.collect``."""
     # What was in the way of others must not tell: boxes that a ray just grazes round one way, the spheres in them the other.
-    work.blockers[:] = MISS
+    forget(work.blockers)
     tree, x, y, z, complete = surroundings(world.cell, world, particle)
     r = world.radii[particle]
     count, reach = collect(tree, work, near, x, y, z, r, particle)
@@ -137,16 +136,6 @@ def _leave(site, rays, o):
     py = site.y + site.r * (rays[o + LANES] + start * rays[o + 4 * LANES])
     pz = site.z + site.r * (rays[o + 2 * LANES] + start * rays[o + 5 * LANES])
     return start, px, py, pz
-
-
-@kernel(inline=True, borrows=True)
-def ray_kind(x, y, z, reach, dx, dy, dz):
-    """Tell rays apart by their directions and by where within `reach` of the origin they leave: one of ``tree_trace.BLOCKERS``."""
-    scale = _HALF_A_SIDE / reach
-    a = int(scale * x + _HALF_A_SIDE * dx + _MIDDLE)
-    b = int(scale * y + _HALF_A_SIDE * dy + _MIDDLE)
-    c = int(scale * z + _HALF_A_SIDE * dz + _MIDDLE)
-    return ((a & 7) << 6) | ((b & 7) << 3) | (c & 7)
 
 
 @kernel(inline=True, borrows=True)

@@ -36,7 +36,8 @@ from luxel.kernels.simd import (
     vmin,
     vsqrt,
 )  # fmt: skip
-from luxel.kernels.tree_trace import CHILDREN, IDS, LEAF, NODE, ask_for
+from luxel.kernels.tree import CHILDREN, IDS, LEAF, NODE
+from luxel.kernels.tree_trace import ask_for
 
 __all__ = [
     "RAYS",

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from luxel.kernels.blockers import ray_kind
 from luxel.kernels.bundle import (
     ROOM,
     Bundle,
@@ -26,7 +27,7 @@ from luxel.kernels.memory import float_lines, index, int_lines
 from luxel.kernels.near import EXIT, GIANT, passes_by
 from luxel.kernels.path import path_tail, survival
 from luxel.kernels.periodic import HERE
-from luxel.kernels.rays import bring, ray_kind
+from luxel.kernels.rays import bring
 from luxel.kernels.rng import next_state, uniforms
 from luxel.kernels.simd import (
     FAR,
@@ -45,7 +46,7 @@ from luxel.kernels.simd import (
     vmax,
     vsqrt,
 )
-from luxel.kernels.tree_trace import MISS
+from luxel.kernels.tree import MISS
 from luxel.kernels.warp import cone_directions, cosine_directions
 
 __all__ = ["Waves", "add_path", "follow_paths", "wave_scratch"]

@@ -19,7 +19,7 @@ from luxel.kernels.light import Lights
 from luxel.kernels.lookup import opened_words
 from luxel.kernels.path import World
 from luxel.kernels.tone import SRGB_CELLS, Tone
-from luxel.kernels.tree_trace import Tree
+from luxel.kernels.tree import Tree
 from luxel.light.in_view import Gaze
 from luxel.light.lights import scene_white
 from luxel.light.mapping import mapping_code

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from luxel.kernels import bundle, tree_build, tree_trace
+from luxel.kernels import bundle, tree_build
 from luxel.kernels.memory import lines
 from luxel.kernels.simd import LANES
+from luxel.kernels.tree import CHILDREN, LEAF, NODE, Tree
 from luxel.trace.spheres import SphereSet
 
 __all__ = ["SphereTree", "thread_count"]
@@ -156,7 +157,7 @@ def _digest(hidden: NDArray[np.bool_]) -> bytes:
 
 def _build(
     centers: NDArray[np.float32], radii: NDArray[np.float32], order: NDArray[np.int32], threads: int
-) -> tree_trace.Tree:
+) -> Tree:
     count = len(order)
     if count == 0:
         return _empty()
@@ -193,7 +194,7 @@ def _build(
     node_count, leaf_count, levels = tree_build.collapse(
         boxes, left, right, begin, end, leaves, top, nodes, child, leaf_begin, leaf_end
     )
-    leaf_data = lines((leaf_count, tree_trace.LEAF))
+    leaf_data = lines((leaf_count, LEAF))
     leaf_ids = leaf_data.view(np.int32)
     chunk = max(1024, -(-leaf_count // (4 * threads)))
     run_parts(
@@ -203,12 +204,12 @@ def _build(
         range(0, leaf_count, chunk),
         threads,
     )
-    packed = lines((node_count, tree_trace.NODE))
-    packed[:, : tree_trace.CHILDREN] = nodes[:node_count]
-    packed[:, tree_trace.CHILDREN :] = child[:node_count].view(np.float32)
+    packed = lines((node_count, NODE))
+    packed[:, :CHILDREN] = nodes[:node_count]
+    packed[:, CHILDREN:] = child[:node_count].view(np.float32)
     packed_nodes = packed.reshape(-1)
     packed_leaves = leaf_data.reshape(-1)
-    return tree_trace.Tree(
+    return Tree(
         packed_nodes,
         packed_nodes.view(np.int32),
         packed_leaves,
@@ -217,12 +218,12 @@ def _build(
     )
 
 
-def _empty() -> tree_trace.Tree:
+def _empty() -> Tree:
     """Return a tree that no ray meets: one node of empty boxes."""
-    node = np.zeros(tree_trace.NODE, np.float32)
+    node = np.zeros(NODE, np.float32)
     node[: 3 * LANES], node[3 * LANES : 6 * LANES] = 1e30, -1e30
-    leaf = np.zeros(tree_trace.LEAF, np.float32)
-    return tree_trace.Tree(node, node.view(np.int32), leaf, leaf.view(np.int32), LANES)
+    leaf = np.zeros(LEAF, np.float32)
+    return Tree(node, node.view(np.int32), leaf, leaf.view(np.int32), LANES)
 
 
 def _count_top(left: Any, right: Any, leaves: Any, top: int, used: int, tasks: set[int]) -> None:
