@@ -24,6 +24,7 @@ from luxel.kernels.filter import (
 )
 from luxel.kernels.simd import LANES
 from luxel.light.mapping import Mapping, texel_neighbours, texel_solid_angles
+from luxel.light.poles import smooth_poles
 from luxel.light.sampling import Drawn, Samples
 
 __all__ = ["TextureFilter", "dilate", "standard_error"]
@@ -145,6 +146,7 @@ class TextureFilter:
             found += plain
             variance += np.float32(self.sun_gain) * _error_variance(sun, self.weights)
         luminance = found.reshape(drawn.rest.mean.shape)
+        smooth_poles(luminance, self.mapping)
         if len(self.power) == 0:
             return luminance, np.sqrt(variance)
         variance = np.maximum(variance, 1e-20)
