@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from luxel.kernels.jit import kernel
+from luxel.kernels.memory import index
 from luxel.kernels.simd import LANES, fma, fnma, load, splat, store
 
 __all__ = ["WIDTH", "Learned", "error_variances", "fill_unknown", "filter_textures"]
@@ -77,32 +78,58 @@ def _complete(matrix, size):
 
 
 @kernel(borrows=True)
-def _weighted_products(rows, weights, size, matrix):
-    """Write Σ weight · b bᵀ over texels, the lower part, into a matrix with rows of WIDTH; few rows at a time stay in registers."""
-    texels = weights.shape[0]
+def _weighted_products(rows, known, weights, shares, size, matrix, inner):
+    """Write Σ weight · b bᵀ over known texels, the lower part, into `matrix` with rows of WIDTH, and the same of their shares into `inner`.
+
+    Few rows at a time stay in registers.
+    """
     for i in range(0, min(size, LANES), 4):
         a, b, c, d = splat(_ZERO), splat(_ZERO), splat(_ZERO), splat(_ZERO)
-        for t in range(texels):
+        e, f, g, h = splat(_ZERO), splat(_ZERO), splat(_ZERO), splat(_ZERO)
+        for n in range(known.shape[0]):
+            t = index(known[n])
             o = t * WIDTH
-            low = splat(weights[t]) * load(rows, o)
-            a, b = fma(splat(rows[o + i]), low, a), fma(splat(rows[o + i + 1]), low, b)
-            c, d = fma(splat(rows[o + i + 2]), low, c), fma(splat(rows[o + i + 3]), low, d)
-        store(matrix, i * WIDTH, a)
-        store(matrix, (i + 1) * WIDTH, b)
-        store(matrix, (i + 2) * WIDTH, c)
-        store(matrix, (i + 3) * WIDTH, d)
+            base = load(rows, o)
+            low, part = splat(weights[t]) * base, splat(shares[t]) * base
+            p, q, r, s = splat(rows[o + i]), splat(rows[o + i + 1]), splat(rows[o + i + 2]), splat(rows[o + i + 3])
+            a, b, c, d = fma(p, low, a), fma(q, low, b), fma(r, low, c), fma(s, low, d)
+            e, f, g, h = fma(p, part, e), fma(q, part, f), fma(r, part, g), fma(s, part, h)
+        _store_rows(matrix, i, a, b, c, d)
+        _store_rows(inner, i, e, f, g, h)
     for i in range(LANES, size, 2):
         a, b, c, d = splat(_ZERO), splat(_ZERO), splat(_ZERO), splat(_ZERO)
-        for t in range(texels):
+        e, f, g, h = splat(_ZERO), splat(_ZERO), splat(_ZERO), splat(_ZERO)
+        for n in range(known.shape[0]):
+            t = index(known[n])
             o = t * WIDTH
             low, high = load(rows, o), load(rows, o + LANES)
-            first, second = splat(weights[t] * rows[o + i]), splat(weights[t] * rows[o + i + 1])
-            a, b = fma(first, low, a), fma(first, high, b)
-            c, d = fma(second, low, c), fma(second, high, d)
-        store(matrix, i * WIDTH, a)
-        store(matrix, i * WIDTH + LANES, b)
-        store(matrix, (i + 1) * WIDTH, c)
-        store(matrix, (i + 1) * WIDTH + LANES, d)
+            first, second = rows[o + i], rows[o + i + 1]
+            p, q = splat(weights[t] * first), splat(weights[t] * second)
+            r, s = splat(shares[t] * first), splat(shares[t] * second)
+            a, b, c, d = fma(p, low, a), fma(p, high, b), fma(q, low, c), fma(q, high, d)
+            e, f, g, h = fma(r, low, e), fma(r, high, f), fma(s, low, g), fma(s, high, h)
+        _store_halves(matrix, i, a, b, c, d)
+        _store_halves(inner, i, e, f, g, h)
+
+
+@kernel(inline=True)
+def _store_rows(matrix, i, a, b, c, d):
+    """Write the first halves of four rows."""
+    o = i * WIDTH
+    store(matrix, o, a)
+    store(matrix, o + WIDTH, b)
+    store(matrix, o + 2 * WIDTH, c)
+    store(matrix, o + 3 * WIDTH, d)
+
+
+@kernel(inline=True)
+def _store_halves(matrix, i, a, b, c, d):
+    """Write both halves of two rows."""
+    o = i * WIDTH
+    store(matrix, o, a)
+    store(matrix, o + LANES, b)
+    store(matrix, o + WIDTH, c)
+    store(matrix, o + WIDTH + LANES, d)
 
 
 @kernel
@@ -118,28 +145,27 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
     right, found = np.zeros(WIDTH, np.float32), np.zeros(WIDTH, np.float32)
     weights, shares = np.zeros(texels, np.float32), np.zeros(texels, np.float32)
     gains, smooth = np.zeros(texels, np.float32), np.zeros(columns.shape[1], np.float32)
+    listed = np.zeros(texels, np.int32)
     for n in range(mean.shape[0]):
-        total, known = learned.prior * learned.noise, learned.prior
-        any_seen = False
+        total, votes = learned.prior * learned.noise, learned.prior
+        seen = 0
         for t in range(texels):
-            any_seen |= exposed[n, t] > 0
+            listed[seen] = t
+            seen += exposed[n, t] > 0
             if exposed[n, t] > 1:
                 total += variance[n, t]
-                known += _ONE
-        if not any_seen:
+                votes += _ONE
+        if seen == 0:
             filtered[n] = _ZERO
             predicted[n] = _ZERO
             continue
-        noise = max(learned.gain * total / known, _TINY)
+        noise = max(learned.gain * total / votes, _TINY)
+        known = listed[:seen]
         right[:] = _ZERO
-        weights[:] = _ZERO
-        shares[:] = _ZERO
         area = left_out = _ZERO
-        for t in range(texels):
+        for k in range(seen):
+            t = index(known[k])
             count = np.float32(exposed[n, t])
-            gains[t] = _ZERO
-            if count == 0:
-                continue
             # What the directions cannot express counts as noise for them, and is kept texel by texel afterwards.
             spread = noise + count * learned.rest[t]
             gains[t] = count * learned.rest[t] / spread
@@ -151,8 +177,7 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
             weights[t], shares[t] = weight, learned.weights[t] * loss * loss
             area += learned.weights[t]
             left_out += learned.weights[t] * learned.rest[t] * loss
-        _weighted_products(rows, weights, size, matrix)
-        _weighted_products(rows, shares, size, inner)
+        _weighted_products(rows, known, weights, shares, size, matrix, inner)
         _complete(matrix, size)
         _complete(inner, size)
         half[:] = _ZERO
@@ -190,31 +215,35 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
 
 
 @kernel(inline=True, borrows=True)
-def _fill(row, have, beside, ring):
-    """Give the texels (D,) of one texture that are not known the mean of their known neighbours, ring by ring."""
+def _fill(row, exposed, beside, ring, total, votes):
+    """Give the texels (D,) of one texture that are not known the mean of their known neighbours, ring by ring; whoever is a neighbour has one."""
     texels = row.shape[0]
-    left = 0
+    last = 0
     for t in range(texels):
-        if not have[t]:
-            row[t] = _ZERO
-            left += 1
-    while 0 < left < texels:
-        found = 0
-        for t in range(texels):
-            if have[t]:
-                continue
-            total, count = _ZERO, _ZERO
-            for k in range(beside.shape[0]):
-                if have[beside[k, t]]:
-                    total += row[beside[k, t]]
-                    count += _ONE
-            if count > 0:
-                row[t] = total / count
-                ring[found] = t
-                found += 1
-        for k in range(found):
-            have[ring[k]] = True
-        left -= found
+        known = exposed[t] > 0
+        ring[last] = t
+        last += known
+        row[t] = row[t] if known else _ZERO
+        total[t] = _ZERO
+        votes[t] = -_ONE if known else _ZERO
+    first = 0
+    while first < last < texels:
+        end = last
+        for k in range(first, end):
+            t = index(ring[k])
+            for side in range(beside.shape[0]):
+                u = index(beside[side, t])
+                if votes[u] >= 0:
+                    if votes[u] == 0:
+                        ring[last] = u
+                        last += 1
+                    total[u] += row[t]
+                    votes[u] += _ONE
+        for k in range(end, last):
+            t = index(ring[k])
+            row[t] = total[t] / votes[t]
+            votes[t] = -_ONE
+        first = end
 
 
 @kernel
@@ -224,11 +253,10 @@ def fill_unknown(values, exposed, beside):
     `beside` is (4, D) int32, see ``light.mapping.texel_neighbours``. Textures with no exposed texel become 0.
     """
     texels = values.shape[1]
-    ring, have = np.zeros(texels, np.int32), np.zeros(texels, np.bool_)
+    ring = np.zeros(texels, np.int32)
+    total, votes = np.zeros(texels, np.float32), np.zeros(texels, np.float32)
     for n in range(values.shape[0]):
-        for t in range(texels):
-            have[t] = exposed[n, t] > 0
-        _fill(values[n], have, beside, ring)
+        _fill(values[n], exposed[n], beside, ring, total, votes)
 
 
 @kernel
