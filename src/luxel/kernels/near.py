@@ -24,6 +24,7 @@ from luxel.kernels.simd import (
     fnma,
     load,
     mask_from_bits,
+    popcount,
     select,
     splat,
     splat_int,
@@ -206,21 +207,33 @@ def collect(tree, work, near, cx, cy, cz, r, skip):
 
 @kernel
 def _sort(near, count):
-    """Shell sort by surface distance."""
-    gap = 10
-    while gap > 0:
-        for a in range(gap, count):
-            x, y, z = near.x[a], near.y[a], near.z[a]
-            radius, surface, particle = near.radius[a], near.surface[a], near.id[a]
-            b = a
-            while b >= gap and near.surface[b - gap] > surface:
-                c = b - gap
-                near.x[b], near.y[b], near.z[b] = near.x[c], near.y[c], near.z[c]
-                near.radius[b], near.surface[b], near.id[b] = near.radius[c], near.surface[c], near.id[c]
-                b = c
-            near.x[b], near.y[b], near.z[b] = x, y, z
-            near.radius[b], near.surface[b], near.id[b] = radius, surface, particle
-        gap = 4 if gap == 10 else 1 if gap == 4 else 0
+    """Sort by surface distance: each goes where as many are nearer, which no branch has to tell."""
+    order, surface = near.chosen, near.surface
+    store(surface, count, splat(FAR))
+    for a in range(count):
+        distance, place = splat(surface[a]), 0
+        for k in range(0, count, LANES):
+            before = (1 << min(max(a - k, 0), LANES)) - 1
+            others = load(surface, k)
+            place += popcount(bits(others < distance) | (bits(others <= distance) & before))
+        order[place] = a
+    # Written only afterwards, so there is room.
+    spare = near.far
+    _reorder(near.x, order, count, spare)
+    _reorder(near.y, order, count, spare)
+    _reorder(near.z, order, count, spare)
+    _reorder(near.radius, order, count, spare)
+    _reorder(near.surface, order, count, spare)
+    for k in range(count):
+        order[k] = near.id[index(order[k])]
+    near.id[:count] = order[:count]
+
+
+@kernel(inline=True)
+def _reorder(values, order, count, spare):
+    for k in range(count):
+        spare[k] = values[index(order[k])]
+    values[:count] = spare[:count]
 
 
 @kernel(inline=True)
