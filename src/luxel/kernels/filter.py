@@ -91,7 +91,12 @@ def _weighted_products(rows, known, weights, shares, size, matrix, inner):
             o = t * WIDTH
             base = load(rows, o)
             low, part = splat(weights[t]) * base, splat(shares[t]) * base
-            p, q, r, s = splat(rows[o + i]), splat(rows[o + i + 1]), splat(rows[o + i + 2]), splat(rows[o + i + 3])
+            p, q, r, s = (
+                splat(rows[o + i]),
+                splat(rows[o + i + 1]),
+                splat(rows[o + i + 2]),
+                splat(rows[o + i + 3]),
+            )
             a, b, c, d = fma(p, low, a), fma(q, low, b), fma(r, low, c), fma(s, low, d)
             e, f, g, h = fma(p, part, e), fma(q, part, f), fma(r, part, g), fma(s, part, h)
         _store_rows(matrix, i, a, b, c, d)

@@ -58,7 +58,7 @@ _ENOUGH = 128
 # Beyond these ratios of radii b² - q, or q itself, cancels: such neighbours are tested by their distance from the ray.
 GIANT, _DWARF = np.float32(8), np.float32(0.125)
 _APART = np.float32(1.001)  # a sphere that begins there holds no ray's start, whatever rounding says
-EXIT = np.float32(1e-4)  # as in tree_trace: a sphere that a ray is about to leave does not block it
+EXIT = np.float32(1e-4)  # as in tree: a sphere that a ray is about to leave does not block it
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 

@@ -24,19 +24,22 @@ from luxel.kernels.filter import (
 )
 from luxel.kernels.simd import LANES
 from luxel.light.mapping import Mapping, texel_neighbours, texel_solid_angles
-from luxel.light.poles import smooth_poles
+from luxel.light.poles import polar_rows, smooth_poles
 from luxel.light.sampling import Drawn, Samples
 
 __all__ = ["TextureFilter", "dilate", "standard_error"]
 
 # Directions of the covariance that are kept: more only pay with more samples.
 _FEW_BASIS, _MORE_BASIS = 20, 32
-# Fewer textures than this teach nothing: samples are taken as they are, and gaps filled from their rims.
+# Fewer textures than this teach next to nothing: samples are taken as they are, but for poles, and gaps filled from their rims.
 _LEAST_TEXTURES = 64
 # A texture's own noise estimate is blended with the data set's, as if the latter came from this many texels.
 _PRIOR_TEXELS = 32.0
 # Predicted errors are corrected bin by bin; a bin has at least so many training textures.
 _BIN_TEXTURES = 64
+
+# Rows near poles of which a smaller share has been sampled are not smoothed: what others tell would tell on them.
+_SEEN = 0.75
 
 Float = NDArray[np.float64]
 
@@ -60,13 +63,15 @@ class TextureFilter:
     gain
         Noise of the samples as drawn, together, over that of as many independent ones: below 1 for ray sets.
     sun_gain
-        As `gain`, for sunlight, which is not filtered.
+        As `gain`, for sunlight, which is not filtered but at the poles.
     bins, factors
         (b,) predicted error variances and what to multiply them by, learned from the training set.
     weights
         (D,) solid angles of the texels, mean 1.
     mapping
         Of the textures.
+    smoothed
+        Rows near the poles that err less when they are smoothed along themselves, see ``light.poles``.
     """
 
     mean: Float
@@ -80,6 +85,7 @@ class TextureFilter:
     factors: Float
     weights: Float
     mapping: Mapping
+    smoothed: NDArray[np.int32]
 
     @classmethod
     def learn(cls, first: Drawn, second: Drawn, drawn: Drawn, mapping: Mapping) -> TextureFilter:
@@ -114,9 +120,24 @@ class TextureFilter:
         angles = texel_solid_angles(mapping, texels).ravel()
         raw = cls(
             center, np.ascontiguousarray(vectors.T), power, left, noise, gain, sun_gain, np.ones(1),
-            np.ones(1), angles / angles.mean(), mapping,
+            np.ones(1), angles / angles.mean(), mapping, np.empty(0, np.int32),
         )  # fmt: skip
-        return raw._calibrated(a, b, drawn, _flat(first.rest.exposed) > 0) if keep else raw
+        open_ = _flat(first.rest.exposed) > 0
+        steady = replace(raw, smoothed=raw._better_smooth(a, b, drawn, open_))
+        return steady._calibrated(a, b, drawn, open_) if keep else steady
+
+    def _better_smooth(self, a: Float, b: Float, drawn: Drawn, open_: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Return the rows near poles that err less on the training set, over texels in the `open_`, when they are smoothed."""
+        plain, _ = self.apply(drawn)
+        smooth, rows = plain.copy(), polar_rows(self.mapping, plain.shape[1])
+        smooth_poles(smooth, rows, drawn.rest.exposed)
+
+        def error(textures: NDArray[np.float32]) -> Float:
+            flat = textures.reshape(a.shape).astype(np.float64)
+            products = ((flat - a) * (flat - b) * open_).sum(axis=0)
+            return np.asarray(products.reshape(plain.shape[1:]).sum(axis=1)[rows])
+
+        return rows[error(smooth) < error(plain)]
 
     def _calibrated(self, a: Float, b: Float, drawn: Drawn, open_: NDArray[np.bool_]) -> TextureFilter:
         """Compare predicted errors with those found on the training set, over texels in the `open_`, be they sampled or not."""
@@ -132,11 +153,11 @@ class TextureFilter:
         factors = np.array([actual[p].mean() for p in parts]) / np.maximum(bins, 1e-20)
         return replace(self, bins=bins, factors=np.clip(factors, 0.02, 50.0))
 
-    def apply(self, drawn: Drawn) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def apply(self, drawn: Drawn, partly: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return filtered (K, T, T) luminance and (K,) the standard error expected of an exposed texel.
 
-        Texels with no exposed sample are predicted from the others. Every texture is treated alone: what it becomes
-        does not depend on its batch.
+        Texels with no exposed sample are predicted from the others; rows near the poles may be smoothed, where textures are sampled `partly`
+        only such as are. Every texture is treated alone: what it becomes does not depend on its batch.
         """
         found, variance = self._filtered(drawn.rest)
         if drawn.sun is not None:
@@ -146,7 +167,8 @@ class TextureFilter:
             found += plain
             variance += np.float32(self.sun_gain) * _error_variance(sun, self.weights)
         luminance = found.reshape(drawn.rest.mean.shape)
-        smooth_poles(luminance, self.mapping)
+        seen = (drawn.rest if drawn.sun is None else drawn.sun).exposed
+        smooth_poles(luminance, self.smoothed, seen, _SEEN if partly else 0.0)
         if len(self.power) == 0:
             return luminance, np.sqrt(variance)
         variance = np.maximum(variance, 1e-20)

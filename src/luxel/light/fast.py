@@ -153,13 +153,13 @@ class FastLight:
         levels = self._book.dim_levels(ids, self._ray_sets(1, _DRAWN, sun_samples=1, every_cell=True))
         dim = (levels >= 0) & (levels < _DIM * self._scale)
         if not dim.any():
-            return learned.apply(self._draw(ids, self._samples, _DRAWN, gaze=gaze))
+            return learned.apply(self._draw(ids, self._samples, _DRAWN, gaze=gaze), gaze is not None)
         luminance = np.empty((len(ids), self._texels, self._texels), np.float32)
         luminance[dim] = levels[dim, None, None]
         error = (_DIM_ERROR * self._scale + _DIM_SHARE * levels).astype(np.float32)
         if not dim.all():
             luminance[~dim], error[~dim] = learned.apply(
-                self._draw(ids[~dim], self._samples, _DRAWN, gaze=gaze)
+                self._draw(ids[~dim], self._samples, _DRAWN, gaze=gaze), gaze is not None
             )
         return luminance, error
 
