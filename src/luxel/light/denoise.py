@@ -31,13 +31,12 @@ __all__ = ["TextureFilter", "dilate", "standard_error"]
 
 # Directions of the covariance that are kept: more only pay with more samples.
 _FEW_BASIS, _MORE_BASIS = 20, 32
-# Fewer textures than this teach next to nothing: samples are taken as they are, but for poles, and gaps filled from their rims.
+# Fewer textures than this teach nothing: samples are taken as they are, and gaps filled from their rims.
 _LEAST_TEXTURES = 64
 # A texture's own noise estimate is blended with the data set's, as if the latter came from this many texels.
 _PRIOR_TEXELS = 32.0
 # Predicted errors are corrected bin by bin; a bin has at least so many training textures.
 _BIN_TEXTURES = 64
-
 # Rows near poles of which a smaller share has been sampled are not smoothed: what others tell would tell on them.
 _SEEN = 0.75
 
@@ -122,9 +121,11 @@ class TextureFilter:
             center, np.ascontiguousarray(vectors.T), power, left, noise, gain, sun_gain, np.ones(1),
             np.ones(1), angles / angles.mean(), mapping, np.empty(0, np.int32),
         )  # fmt: skip
+        if not keep:
+            return raw
         open_ = _flat(first.rest.exposed) > 0
         steady = replace(raw, smoothed=raw._better_smooth(a, b, drawn, open_))
-        return steady._calibrated(a, b, drawn, open_) if keep else steady
+        return steady._calibrated(a, b, drawn, open_)
 
     def _better_smooth(self, a: Float, b: Float, drawn: Drawn, open_: NDArray[np.bool_]) -> NDArray[np.int32]:
         """Return the rows near poles that err less on the training set, over texels in the `open_`, when they are smoothed."""
