@@ -202,9 +202,7 @@ def open_series(options: argparse.Namespace, wanted: int | None = None) -> tuple
         say(f"note: the saved view is of frame {wanted}, and there are {len(series)} frames here")
     frame = series.first_frame()
     if frame:
-        say(
-            f"note: the first {frame} frame{'s hold' if frame > 1 else ' holds'} no particles; this is frame {frame}"
-        )
+        say(f"note: frames before {frame} hold no particles; this is frame {frame}")
     return series, frame
 
 
