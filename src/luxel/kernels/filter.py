@@ -221,7 +221,10 @@ def filter_textures(learned, mean, variance, exposed, filtered, predicted):
 
 @kernel(inline=True, borrows=True)
 def _fill(row, exposed, beside, ring, total, votes):
-    """Give the texels (D,) of one texture that are not known the mean of their known neighbours, ring by ring; whoever is a neighbour has one."""
+    """Give the texels (D,) of one texture that have no exposed sample the mean of their known neighbours, ring by ring.
+
+    Each ring tells the next, so neighbours have to be mutual, as those of both mappings are.
+    """
     texels = row.shape[0]
     last = 0
     for t in range(texels):

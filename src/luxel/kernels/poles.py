@@ -37,7 +37,7 @@ def smooth_rows(textures, exposed, least, rows, shares):
             for t in range(texels):
                 smooth[t] = min(max(smooth[t], low), high)
                 after += smooth[t]
-            # What has been cut off is made good by all, towards where there is room.
+            # What has been cut off is taken back from all the others, in proportion to how far from that end they are.
             end = low if after > before else high
             room = np.float32(texels) * end - after
             scale = (np.float32(texels) * end - before) / room if abs(room) > 0 else np.float32(1)
